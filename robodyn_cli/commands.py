@@ -192,6 +192,7 @@ COMMANDS: dict[str, Command] = {
         run="works.statics:statics",
         check="over.checks:statics",
         summary=("mechanism:StaticsSummary",),
+        batch="over.many.rest.statics:StaticsRuns",
         slopes="over.sensitivity.statics:StaticsSlopes",
         plots=STILL,
     ),

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.drives.report import UNDERSIZED, Moved, following
+from robodyn_cli.drives.report import UNDERSIZED, Moved, following, given_by_drives
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
@@ -147,38 +147,50 @@ class RatioSides:
         return free
 
 
-@record
-class JointMargins:
-    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion.
+class ActingTorques:
+    """What acts on the joints (see ``acting``), and Psi of the loops, as functions of samples.
 
     follows : whether the motion follows from the torques, and has accelerations that jump with them.
     """
+
+    def __init__(self, problem: Problem, inertia: bool | None, samples: int) -> None:
+        self.problem, self.inertia, self.every = problem, inertia, acting(problem, inertia)
+        self.trains, self.follows = trains(problem.scene), inertia is False
+        held = problem.constraints.prescribed
+        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
+        outputs = {name: one.torque for name, one in self.every.items() if name not in (CONTROL, DRIVES)}
+        outputs["psi"], self.rows = [x for row in rows for x in row], len(rows)
+        self.function = SampleFunction(outputs, MOTION_GROUPS, samples)
+
+
+@record
+class JointMargins:
+    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion."""
 
     problem: Problem
     moved: Moved
     driven: tuple[int, ...]
     resisting: tuple[str, ...]
     sides: dict[str, RatioSides]
-    follows: bool
+    acts: ActingTorques
 
     @staticmethod
     def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
         """Return those of a motion; inertia : whether its own counts, None where only poses do."""
-        every = acting(problem, inertia)
-        held = problem.constraints.prescribed
-        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
-        outputs = {name: one.torque for name, one in every.items() if name not in (CONTROL, DRIVES)}
+        return JointMargins.along(ActingTorques(problem, inertia, len(moved.times)), moved)
+
+    @staticmethod
+    def along(acts: ActingTorques, moved: Moved) -> JointMargins:
+        """Return those of a motion, with what acts in it."""
+        problem, inertia, every, function = acts.problem, acts.inertia, acts.every, acts.function
         times, nv = moved.times, problem.model.nv
-        function = SampleFunction(
-            {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, len(times)
-        )
         v = directed(moved.qd)
 
         def call(v: Array, a: Array) -> dict[str, Array]:
             return function(t=times[:, None], q=moved.q, v=v, a=a, p=np.zeros((len(times), 0)))
 
         arrays = call(SLOW * v, 0.0 * moved.qdd)
-        psi = arrays["psi"].reshape(len(times), len(rows), nv)
+        psi = arrays["psi"].reshape(len(times), acts.rows, nv)
         independent, driven = driven_joints(problem, every, psi[len(psi) // 2])
         R = following(psi, independent)
         if R is None:
@@ -192,7 +204,7 @@ class JointMargins:
                 beside = moved.tau - sum((arrays[name] for name in names), np.zeros_like(moved.tau))
                 arrays[CONTROL] = np.array(every[CONTROL].torque, dtype=float) * beside
             if DRIVES in every:
-                arrays[DRIVES] = _given_by_drives(problem, v)
+                arrays[DRIVES] = given_by_drives(problem, acts.trains, v)
             torques = np.stack([arrays[name] for name in every], axis=2)
             return _sides(problem, list(every.values()), R, torques, v[:, list(driven)])
 
@@ -201,7 +213,7 @@ class JointMargins:
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
         resisting = tuple(name for name, one in every.items() if one.role != DRIVE)
-        return JointMargins(problem, moved, driven, resisting, kinds, follows=inertia is False)
+        return JointMargins(problem, moved, driven, resisting, kinds, acts)
 
     def figures(self) -> dict[str, MotorisationFigures]:
         """Return the figures by joint."""
@@ -229,7 +241,7 @@ class JointMargins:
         for v, a in zip(rates.T, self.moved.qdd.T):
             breaks = breaks_of_joint(times, v, a, breaks)
         found = {"static": breaks}
-        for name, train in trains(self.problem.scene).items():
+        for name, train in self.acts.trains.items():
             v, a = (x[:, names.index(name)] for x in (rates, self.moved.qdd))
             for corner in train.corners:
                 breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
@@ -243,7 +255,7 @@ class JointMargins:
         value, error, time, time_error = (
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )
-        if self.follows and moved.times[-1] > moved.times[0]:
+        if self.acts.follows and moved.times[-1] > moved.times[0]:
             late, beside = self._turn_error(time), [self._interval(time, k) for k in (-1, 1)]
             error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
             time_error += late
@@ -316,15 +328,6 @@ class JointMargins:
         for kind, sides in self.sides.items():
             result.add(f"motorisation/{kind}_available", sides.available, **columns.described())
             result.add(f"motorisation/{kind}_resistance", sides.resistance, **columns.described())
-
-
-def _given_by_drives(problem: Problem, v: Array) -> Array:
-    """Return the torques (T, nv) that motors and gears can give joints with rates (T, nv), in the way they go."""
-    torques, names = np.zeros_like(v), problem.model.v_names
-    for name, train in trains(problem.scene).items():
-        k = names.index(name)
-        torques[:, k] = np.sign(v[:, k]) * train.available(v[:, k])
-    return torques
 
 
 def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array, v: Array) -> RatioSides:

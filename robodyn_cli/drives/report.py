@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from robodyn_cli.equations.torque_terms import torque_terms
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
 from robodyn_cli.model.parts import trains
+from robodyn_cli.motors.drive import Train
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import JointColumns, joint_columns
@@ -117,11 +118,12 @@ class Drives:
     evaluated: dict[str, Evaluated]
 
     @staticmethod
-    def of(scene: Scene, problem: Problem, moved: Moved) -> Drives:
-        """Return the drives of a scene along a motion."""
-        rest, rates = Standstill.of(problem, moved), settled(moved.qd)
+    def of(scene: Scene, problem: Problem, moved: Moved, still: StandingStill | None = None) -> Drives:
+        """Return the drives of a scene along a motion. still : of the problem, where it is known."""
+        still = still or StandingStill(scene, problem, len(moved.times))
+        rest, rates = still(moved), settled(moved.qd)
         drives = {}
-        for name, train in trains(scene).items():
+        for name, train in still.trains.items():
             k = problem.model.v_names.index(name)
             reflected = float(train.reflected)
             load = moved.tau[:, k] - reflected * moved.qdd[:, k]
@@ -172,13 +174,18 @@ class Standstill:
     inertia: Array | None
     hold: Array | None
 
-    @staticmethod
-    def of(problem: Problem, moved: Moved) -> Standstill:
-        """Return them along a motion.
 
-        With loops, the driven joints are the coordinates of the mechanism where they are as many as its degrees of
-        freedom: the others follow by v = R v_driven, and inertia and torques are diag(R^T M R) and R^T g.
-        """
+class StandingStill:
+    """``Standstill`` as a function of motions, for the drives of a scene.
+
+    trains : by joint. function : M, what holds and Psi of samples.
+
+    With loops, the driven joints are the coordinates of the mechanism where they are as many as its degrees of
+    freedom: the others follow by v = R v_driven, and inertia and torques are diag(R^T M R) and R^T g.
+    """
+
+    def __init__(self, scene: Scene, problem: Problem, samples: int) -> None:
+        self.problem, self.trains = problem, trains(scene)
         prescribed = problem.constraints.prescribed
         rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in prescribed]
         M, terms = problem.tree_mass_matrix, list(torque_terms(problem).values())
@@ -187,13 +194,17 @@ class Standstill:
         groups = {n: {symbol.value[1] for symbol in free_symbols(x)} for n, x in outputs.items()}
         outputs = {n: x for n, x in outputs.items() if not groups[n] & {UNKNOWN_GROUP, PARAMETER_GROUP}}
         outputs["psi"] = [x for row in rows for x in row]
-        still = np.zeros_like(moved.qd)
-        arrays = SampleFunction(outputs, MOTION_GROUPS, len(moved.times))(
+        self._rows, self.function = len(rows), SampleFunction(outputs, MOTION_GROUPS, samples)
+
+    def __call__(self, moved: Moved) -> Standstill:
+        """Return what joints feel along a motion."""
+        still, model = np.zeros_like(moved.qd), self.problem.model
+        arrays = self.function(
             t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
         )
-        nv = problem.model.nv
-        driven = [problem.model.v_names.index(name) for name in problem.scene.drives]
-        R = following(arrays["psi"].reshape(len(moved.times), len(rows), nv), driven)
+        nv = model.nv
+        driven = [model.v_names.index(name) for name in self.problem.scene.drives]
+        R = following(arrays["psi"].reshape(len(moved.times), self._rows, nv), driven)
         if R is None:
             return Standstill(None, None)
         M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
@@ -215,3 +226,12 @@ def following(psi: Array, driven: Sequence[int]) -> Array | None:
     follow = -np.linalg.pinv(psi[:, :, others]) @ psi[:, :, driven]
     R[np.ix_(range(samples), others, driven)] = follow
     return R
+
+
+def given_by_drives(problem: Problem, drives: Mapping[str, Train], v: Array) -> Array:
+    """Return the torques (T, nv) that motors and gears can give joints with rates (T, nv), in the way they go."""
+    torques, names = np.zeros_like(v), problem.model.v_names
+    for name, train in drives.items():
+        k = names.index(name)
+        torques[:, k] = np.sign(v[:, k]) * train.available(v[:, k])
+    return torques

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import islice
 
 import numpy as np
@@ -170,13 +170,22 @@ def figures(
 
     breaks : where loads jump, in steps from the first sample.
     """
-    peaks: dict[str, PeakLoad] = {}
-    for path, array in data.items():
-        sizes = np.column_stack([magnitude(array, names[path], letter) for letter in "fm"])
-        peak = largest(times, sizes, breaks)
-        (force, moment), (force_error, moment_error) = peak.value.tolist(), peak.error.tolist()
-        peaks[path.split("/")[-1]] = PeakLoad(force, moment, force_error, moment_error)
-    return peaks
+    return figures_of_runs(times, [data], names, breaks)[0]
+
+
+def figures_of_runs(
+    times: Array,
+    runs: Sequence[Mapping[str, Array]],
+    names: Mapping[str, tuple[str, ...]],
+    breaks: Breaks = (),
+) -> list[dict[str, PeakLoad]]:
+    """Return the same of the loads in several runs, which is found for all of them at once."""
+    sizes = [
+        magnitude(x, names[path], letter) for data in runs for path, x in data.items() for letter in "fm"
+    ]
+    peak = largest(times, np.column_stack(sizes) if sizes else np.zeros((len(times), 0)), breaks)
+    peaks = iter(np.column_stack([peak.value.reshape(-1, 2), peak.error.reshape(-1, 2)]).tolist())
+    return [{path.split("/")[-1]: PeakLoad(*next(peaks)) for path in data} for data in runs]
 
 
 def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:

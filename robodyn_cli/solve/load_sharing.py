@@ -1,25 +1,19 @@
-"""How actuators and loop closures share the generalised force u of a motion or of rest, and configurations in which the
-constraints alone hold it.
+"""How actuators and loop closures share the generalised force u of a motion or of rest.
 
 u = B tau + Psi^T lambda, where B selects the actuated coordinates. With the columns of N spanning the null space of
 Psi (the motions that the loops allow), the principle of virtual work gives N^T u = N^T B tau: one equation for each
 degree of freedom. The loops bear the rest, u - B tau.
-
-r(q) = Psi^T lambda, F(q) = 0. With the columns of N spanning the motions that the constraints allow, N^T r = 0. The
-balance is stable if every eigenvalue of the reduced stiffness K = N^T (d/dq)(r - Psi^T lambda) N has a positive real
-part; for forces with a potential it is then a minimum of the potential.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import RANK, SLOW, Conditions, newton
+from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
 
 REFINED = 3  # solutions of the same equations, each of what is left by the ones before
@@ -81,16 +75,21 @@ def allowed_motions(psi: Array) -> tuple[Array, int]:
     ------
     LostRank : the rank is not the same at all samples.
     """
-    samples, _, nv = psi.shape
-    if not psi.shape[1]:
-        return np.tile(np.eye(nv), (samples, 1, 1)), 0
-    U, s, Vt = np.linalg.svd(psi, full_matrices=True)
-    here = (s > RANK * s[:, :1]).sum(axis=1)
+    U, here, Vt = null_spaces(psi)
     rank = int(here.max())
     if np.any(here < rank):
         sample = int(np.argmin(here))
         raise LostRank("loops", sample, np.abs(U[sample][:, rank - 1]))
     return np.swapaxes(Vt[:, rank:, :], 1, 2), rank
+
+
+def null_spaces(psi: Array) -> tuple[Array, NDArray[np.int64], Array]:
+    """Return U (T, m, m), V^T (T, nv, nv) of Psi = U S V^T, and between them its ranks (T,)."""
+    samples, m, nv = psi.shape
+    if not m:
+        return np.zeros((samples, 0, 0)), np.zeros(samples, dtype=int), np.tile(np.eye(nv), (samples, 1, 1))
+    U, s, Vt = np.linalg.svd(psi, full_matrices=True)
+    return U, (s > RANK * s[:, :1]).sum(axis=1), Vt
 
 
 def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> Shared:
@@ -230,143 +229,3 @@ def accelerations(M: Array, f: Array, psi: Array, gamma: Array, tolerance: Array
     """Return v-dot (T, nv) of M v-dot = f + Psi^T lambda, Psi v-dot + gamma = 0, whatever the rank of Psi."""
     a, _ = constrained(M, psi, f[:, :, None], -gamma[:, :, None], tolerance)
     return a[:, :, 0]
-
-
-MOST_STEP = 0.3  # rad, or part of the size of the mechanism
-ITERATIONS = 400
-CLOSED = 1e-10
-BALANCED = 1e-13  # step below which the iteration has converged, rad or part of the mechanism's size
-INDIFFERENT = 1e-12  # eigenvalue over the largest one below which it is rounding and counts as zero
-FLAT = 1e-6  # of the largest eigenvalue: the stiffness that steps take where there is none
-LEFT = 1e-14  # of the forces in play: what rounding leaves of a force
-
-
-class Forces(Protocol):
-    """Generalised forces at rest, as functions of q."""
-
-    def load(self, q: Array) -> Array:
-        """Return r (nv,): the generalised forces that constraints or holding torques must give."""
-        ...
-
-    def stiffness(self, q: Array, lam: Array) -> Array:
-        """Return d(r - Psi^T lambda)/dq (nv, nv) along the velocity coordinates at constant lambda."""
-        ...
-
-
-@record
-class Balance:
-    """A balanced configuration.
-
-    lam : multipliers of the conditions, of least norm. stiffness : eigenvalues of the reduced stiffness, smallest
-    real part first. residual : largest entry of N^T r. converged : whether Newton's method did.
-    """
-
-    q: Array
-    lam: Array
-    stiffness: NDArray[np.complex128]
-    residual: float
-    iterations: int
-    converged: bool
-
-    @property
-    def stability(self) -> str:
-        """``stable``, ``unstable``, ``indifferent``, or ``rigid`` where nothing can move."""
-        if not len(self.stiffness):
-            return "rigid"
-        least, size = float(self.stiffness.real.min()), float(np.abs(self.stiffness).max())
-        if least > INDIFFERENT * size:
-            return "stable"
-        return "unstable" if least < -INDIFFERENT * size else "indifferent"
-
-
-@record
-class _Here:
-    q: Array
-    N: Array
-    lam: Array
-    free: Array  # N^T r
-    carried: Array  # |r| + |Psi|^T |lambda|
-
-    def is_rounding(self, lengths: Array) -> bool:
-        """Tell whether the forces that are left are what rounding leaves of those in play, as torques."""
-        torques = float(np.abs(self.carried * lengths).max(initial=0.0))
-        return bool(
-            np.all(np.abs(self.free) <= LEFT * torques * np.abs(self.N / lengths[:, None]).sum(axis=0))
-        )
-
-
-def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
-    """Return the balance that descent reaches from a closed configuration q (nq,).
-
-    Newton steps with the stiffness's eigenvalues made positive: they lead down a potential and away from unstable
-    balances. A step is halved while the force along it changes sign before its end. A start that is balanced already is
-    returned, stable or not.
-    """
-    here = _at(conditions, forces, q)
-    bound, count, converged = MOST_STEP, 0, not here.N.shape[1]
-    while count < ITERATIONS and not converged:
-        count += 1
-        K = here.N.T @ forces.stiffness(here.q, here.lam) @ here.N
-        scale = conditions.lengths
-        step = _downhill(K, here.free)
-        if not np.all(np.isfinite(step)):
-            break
-        length = float(np.abs(here.N @ step / scale).max())
-        if length < BALANCED or not np.any(here.free):
-            converged = True
-            break
-        step = step * min(1.0, bound / length)
-        slope, there = float(here.free @ step), here
-        for _ in range(30):
-            moved, residual = newton(
-                conditions, conditions.step(here.q, here.N @ step), range(len(scale)), SLOW
-            )
-            if not np.all(np.isfinite(moved)):
-                break
-            there = _at(conditions, forces, moved)
-            # the force along the step, in the tangent space at its end
-            ahead = float((there.N.T @ (here.N @ step)) @ there.free)
-            if residual < CLOSED and ahead <= 0.5 * abs(slope) + 1e-300:
-                break
-            step = 0.5 * step
-            slope *= 0.5
-        bound = min(MOST_STEP, 2.0 * float(np.abs(here.N @ step / scale).max()))
-        if there is here or not np.all(np.isfinite(there.free)):
-            break
-        before, after = (float(np.abs(x.free).max()) for x in (here, there))
-        # steps along what nothing holds go on for ever, led by rounding
-        if after >= 0.5 * before and here.is_rounding(scale):
-            converged = True
-            break
-        converged, here = after >= before and length < 1e-9, there
-    K = here.N.T @ forces.stiffness(here.q, here.lam) @ here.N
-    values = np.linalg.eigvals(K) if K.size else np.zeros(0)
-    order = np.argsort(values.real)
-    return Balance(
-        here.q,
-        here.lam,
-        values[order].astype(complex),
-        float(np.abs(here.free).max(initial=0.0)),
-        count,
-        converged,
-    )
-
-
-def _at(conditions: Conditions, forces: Forces, q: Array) -> _Here:
-    _, J = conditions.at(q, 0.0)
-    N, _ = allowed_motions(J[None])
-    r = forces.load(q)
-    lam = np.linalg.pinv(J.T, rcond=1e-8) @ r if len(J) else np.zeros(0)
-    return _Here(q, N[0], lam, N[0].T @ r, np.abs(r) + np.abs(J).T @ np.abs(lam))
-
-
-def _downhill(K: Array, force: Array) -> Array:
-    """Return Newton's step -K^-1 f, or one with the eigenvalues of K's symmetric part made positive."""
-    spectrum, V = np.linalg.eigh(0.5 * (K + K.T))
-    values: Array = np.asarray(spectrum, dtype=np.float64)
-    largest = max(float(np.abs(values).max()), 1e-300)
-    if values[0] > INDIFFERENT * largest:
-        return np.asarray(np.linalg.solve(K, -force))
-    # a spring may be as much stiffer than the weights as rounding lets them be seen beside it
-    values = np.where(np.abs(values) > INDIFFERENT * largest, np.abs(values), FLAT * largest)
-    return np.asarray(-V @ ((V.T @ force) / values))

@@ -52,12 +52,11 @@ def with_balance(
         result.add("shaking", of(sampled), names=of.names)
         shaking = of.figures(looked, breaks)
     if scene.inverse.flywheel is not None:
-        refuse_flywheel(program.problem, sampled.motion)
-        flywheel, _ = _flywheel(program.problem, looked, breaks)
+        wheel = Wheel(program.problem, len(looked.times))
+        flywheel = wheel.figures(looked, breaks)
         own = breaks_of(program.problem, sampled.times, sampled.motion)
-        _, (torque, energy) = _flywheel(program.problem, sampled, own)
-        result.add("flywheel/torque", torque)
-        result.add("flywheel/energy", energy)
+        result.add("flywheel/torque", sampled.tau[:, wheel.k])
+        result.add("flywheel/energy", wheel.energy(sampled, own)[0])
     return [*records, BalanceKeys(shaking, flywheel)]
 
 
@@ -163,63 +162,74 @@ def refuse_flywheel(problem: Problem, motion: JointMotion) -> None:
         )
 
 
-def _flywheel(
-    problem: Problem, sampled: Sampled, breaks: list[float]
-) -> tuple[FlywheelFigures, tuple[Array, Array]]:
-    """Return the figures, and the joint's torque and the energy that the flywheel gives (T,).
+class Wheel:
+    """The flywheel that a scene asks for.
 
     E(t) = int (P - mean P) dt,        J = (max E - min E) / (C w^2) - mean 2 T / w^2
+
+    function : kinetic energy T; None where it depends on data that the scene does not give.
     """
-    wheel = problem.scene.inverse.flywheel
-    assert wheel is not None
-    k = problem.model.v_names.index(wheel.joint)
-    times, tau, rate = sampled.times, sampled.tau[:, k], sampled.motion.qd[:, k]
-    work, off = running(times, tau * rate, breaks)
-    duration = float(times[-1] - times[0])
-    given = work - work[-1] * (times - times[0]) / duration
-    most, least = (find(times, given[:, None], breaks) for find in (largest, smallest))
-    energy = float(most.value[0] - least.value[0])
-    w = float(rate.mean())
-    rounded = 1e-12 * float(np.abs(tau * rate).max()) * duration
-    error = float(most.error[0] + least.error[0]) + 2.0 * off + rounded
-    square = wheel.fluctuation * w * w
-    whole, own = energy / square, _own_inertia(problem, sampled, breaks, w)
-    less, less_error = (0.0, 0.0) if own is None else own
-    figures = FlywheelFigures(
-        joint=wheel.joint,
-        rate=w,
-        inertia=max(0.0, whole - less),
-        whole_inertia=whole,
-        own_inertia=ABSENT if own is None else less,
-        energy=energy,
-        mean_torque=float(work[-1]) / (duration * w),
-        fullest_time=float(least.time[0]),
-        emptiest_time=float(most.time[0]),
-        errors=FlywheelErrors(
-            inertia=error / square + less_error,
-            whole_inertia=error / square,
-            own_inertia=ABSENT if own is None else less_error,
-            energy=error,
-            mean_torque=(off + rounded) / (duration * abs(w)),
-            fullest_time=float(least.time_error[0]),
-            emptiest_time=float(most.time_error[0]),
-        ),
-    )
-    return figures, (tau, given)
 
+    def __init__(self, problem: Problem, samples: int) -> None:
+        assert problem.scene.inverse.flywheel is not None
+        self.problem, self.asked = problem, problem.scene.inverse.flywheel
+        self.k = problem.model.v_names.index(self.asked.joint)
+        self.function: SampleFunction | None = None
+        if are_known([problem.kinetic])[0]:
+            self.function = SampleFunction({"kinetic": [problem.kinetic]}, MOTION_GROUPS, samples)
 
-def _own_inertia(
-    problem: Problem, sampled: Sampled, breaks: list[float], rate: float
-) -> tuple[float, float] | None:
-    """Return the mean inertia of the mechanism reduced to a joint with a constant rate [kg m^2], and its error.
+    def energy(self, sampled: Sampled, breaks: list[float]) -> tuple[Array, float, float]:
+        """Return the energy (T,) that the flywheel gives, the work of the whole motion, and the error of both."""
+        times, power = sampled.times, sampled.tau[:, self.k] * sampled.motion.qd[:, self.k]
+        work, off = running(times, power, breaks)
+        given: Array = work - work[-1] * (times - times[0]) / (times[-1] - times[0])
+        return given, float(work[-1]), off
 
-    None where the kinetic energy depends on data that the scene does not give.
-    """
-    if not are_known([problem.kinetic])[0]:
-        return None
-    function = SampleFunction({"kinetic": [problem.kinetic]}, MOTION_GROUPS, len(sampled.times))
-    kinetic = function.along(sampled.times, sampled.motion, sampled.p)["kinetic"][:, 0]
-    integral, off = running(sampled.times, kinetic, breaks)
-    duration = float(sampled.times[-1] - sampled.times[0])
-    most = off + 1e-12 * duration * float(kinetic.max())
-    return 2.0 * float(integral[-1]) / (duration * rate**2), 2.0 * most / (duration * rate**2)
+    def figures(self, sampled: Sampled, breaks: list[float]) -> FlywheelFigures:
+        """Return the figures along a motion; breaks : where loads jump, in steps from the first sample.
+
+        Raises
+        ------
+        CapabilityError : the motion is no cycle at a constant rate (``refuse_flywheel``).
+        """
+        refuse_flywheel(self.problem, sampled.motion)
+        times, tau, rate = sampled.times, sampled.tau[:, self.k], sampled.motion.qd[:, self.k]
+        given, work, off = self.energy(sampled, breaks)
+        duration, w = float(times[-1] - times[0]), float(rate.mean())
+        most, least = (find(times, given[:, None], breaks) for find in (largest, smallest))
+        energy = float(most.value[0] - least.value[0])
+        rounded = 1e-12 * float(np.abs(tau * rate).max()) * duration
+        error = float(most.error[0] + least.error[0]) + 2.0 * off + rounded
+        square = self.asked.fluctuation * w * w
+        whole, own = energy / square, self._own_inertia(sampled, breaks, w)
+        less, less_error = (0.0, 0.0) if own is None else own
+        return FlywheelFigures(
+            joint=self.asked.joint,
+            rate=w,
+            inertia=max(0.0, whole - less),
+            whole_inertia=whole,
+            own_inertia=ABSENT if own is None else less,
+            energy=energy,
+            mean_torque=work / (duration * w),
+            fullest_time=float(least.time[0]),
+            emptiest_time=float(most.time[0]),
+            errors=FlywheelErrors(
+                inertia=error / square + less_error,
+                whole_inertia=error / square,
+                own_inertia=ABSENT if own is None else less_error,
+                energy=error,
+                mean_torque=(off + rounded) / (duration * abs(w)),
+                fullest_time=float(least.time_error[0]),
+                emptiest_time=float(most.time_error[0]),
+            ),
+        )
+
+    def _own_inertia(self, sampled: Sampled, breaks: list[float], rate: float) -> tuple[float, float] | None:
+        """Return the mean inertia of the mechanism reduced to a joint with a constant rate [kg m^2], and its error."""
+        if self.function is None:
+            return None
+        kinetic = self.function.along(sampled.times, sampled.motion, sampled.p)["kinetic"][:, 0]
+        integral, off = running(sampled.times, kinetic, breaks)
+        duration = float(sampled.times[-1] - sampled.times[0])
+        most = off + 1e-12 * duration * float(kinetic.max())
+        return 2.0 * float(integral[-1]) / (duration * rate**2), 2.0 * most / (duration * rate**2)

@@ -15,7 +15,7 @@ from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigur
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import Evaluator
-from robodyn_cli.given.loop_conditions import Lead, LoopConditions, nothing_led, velocity_places
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions, velocity_places
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.observe.evaluation import cause, refuse_result, without_idle_unknowns
@@ -26,16 +26,17 @@ from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
-from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerance
+from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerances
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closing.assembly import assemble
+from robodyn_cli.solve.closing.assembly import Assembled, assemble
+from robodyn_cli.solve.closing.balance import Balance, balance
 from robodyn_cli.solve.closure import CLOSED, Numbers, newton
-from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
+from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
-from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination, rounded_up
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, PeakLoads, Termination, rounded_up
 from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank
@@ -80,15 +81,32 @@ def held(problem: Problem, q: Array) -> AtRest:
     ------
     CapabilityError : too few actuators. SingularConfigurationError : they cannot hold it there.
     """
-    model = problem.model
+    needed = {name: problem.numbers(term, q) for name, term in terms_at_rest(problem).items()}
+    return held_by_actuators(problem, q, needed, psi_at(problem, q))
+
+
+def terms_at_rest(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return the terms of the torques that hold a configuration.
+
+    Raises
+    ------
+    SceneError : they depend on data that the scene does not give.
+    """
     terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
     refuse_unknown([x for term in terms.values() for x in term])
-    needed = {name: problem.numbers([term], q) for name, term in terms.items()}
-    needed = needed or {"gravity": np.zeros((1, model.nv))}
-    conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
-    _, J = conditions.at(q, 0.0)
+    return terms
+
+
+def held_by_actuators(problem: Problem, q: Array, needed: Mapping[str, Array], psi: Array) -> AtRest:
+    """Return what actuators give of the terms (nv,) that a configuration needs, where Psi (m, nv) is that of its loops.
+
+    Raises
+    ------
+    CapabilityError, SingularConfigurationError : as ``held``.
+    """
     names = holding_joints(problem)
-    shared = _shared(problem, J[problem.constraints.of_loops], names, needed, q)
+    rows = {name: term[None] for name, term in needed.items()}
+    shared = _shared(problem, psi, names, rows or {"gravity": np.zeros((1, problem.model.nv))}, q)
     facts = Held(list(names), *shared.uniqueness, shared.residual)
     split = {name: term[0] for name, term in shared.terms.items()}
     return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)
@@ -126,8 +144,11 @@ def _shared(
         raise lost_rank(problem, lost, np.zeros(1), q[None]) from None
 
 
-class _RestForces:
-    """Generalised forces at rest (see ``solve.equilibrium.Forces``): r = G - tau_passive - tau_a at v = 0, t = 0."""
+class RestForces:
+    """Generalised forces at rest (see ``solve.closing.balance.Forces``): r = G - tau_passive - tau_a at v = 0, t = 0.
+
+    entries, slopes : r (nv,) and d(r - Psi^T lambda)/dq (nv, nv), column by column, as expressions.
+    """
 
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
@@ -144,8 +165,8 @@ class _RestForces:
             unit: list[Any] = [1.0 if k == j else 0.0 for k in range(model.nv)]
             entries += directional(held, problem.q, position_rates(model, problem.q, unit))
         refuse_unknown(load)
-        self._slopes = entries
-        self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
+        self.entries, self.slopes = load, without_idle_unknowns(entries, load)
+        self._load, self._stiffness = Evaluator(load), Evaluator(self.slopes)
 
     def _values(self, q: Array) -> dict[str, Any]:
         return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.parameters}
@@ -160,7 +181,7 @@ class _RestForces:
             place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.model.q_names, q))
             raise NumericalError(
                 f"the forces have no finite slope at {place}, so no balance can be sought from there: "
-                f"{cause(self._slopes, values)}",
+                f"{cause(self.slopes, values)}",
                 q=q.tolist(),
             )
         return matrix.reshape(self.model.nv, self.model.nv).T
@@ -194,9 +215,9 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     NumericalError : none is found.
     """
     conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
-    forces = _RestForces(problem, conditions)
+    forces = RestForces(problem, conditions)
     rest, starts = balance(conditions, forces, q), 0
-    if rest.converged and not _within(problem, rest.q):
+    if rest.converged and not is_within(problem, rest.q):
         within = _balances_within(problem, conditions, forces, q)
         starts = 0 if within else STARTS
         rest = min(within, key=lambda one: float(np.linalg.norm(one.q - q)), default=rest)
@@ -206,22 +227,30 @@ def balanced(problem: Problem, q: Array) -> AtRest:
             "left; start nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
             residual=rest.residual, q=rest.q.tolist(),
         )  # fmt: skip
-    loops = problem.constraints.of_loops
-    tau = problem.numbers(problem.actuator_torques, rest.q)
     _, J = conditions.at(rest.q, 0.0)
-    holding = [i for i in range(len(conditions.names)) if i not in loops]
+    return at_balance(problem, rest, problem.numbers(problem.actuator_torques, rest.q), J, starts)
+
+
+def at_balance(problem: Problem, rest: Balance, tau: Array, J: Array, starts: int = 0) -> AtRest:
+    """Return a balance with what holds joints in place.
+
+    tau : of the scene (nv,). J : of all conditions (m, nv). starts : from which none was found within the limits.
+    """
+    loops = problem.constraints.of_loops
+    holding = [i for i in range(len(J)) if i not in loops]
     needed = J[holding].T @ rest.lam[holding]
     facts = _described(rest, {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)})
     return AtRest(problem, rest.q, tau + needed, rest.lam[loops], facts, {}, starts)
 
 
-def _within(problem: Problem, q: Array) -> bool:
+def is_within(problem: Problem, q: Array) -> bool:
+    """Tell whether joints are within their limits at q (nq,)."""
     bounds = bounds_at_rest(problem.scene, problem.model)
     return all(low <= q[k] <= high for k, (low, high) in bounds.items())
 
 
 def _balances_within(
-    problem: Problem, conditions: LoopConditions, forces: _RestForces, q: Array
+    problem: Problem, conditions: LoopConditions, forces: RestForces, q: Array
 ) -> list[Balance]:
     """Return the balances within the limits of the joints to which random starts there lead; other joints start as at q
     (nq,)."""
@@ -233,10 +262,10 @@ def _balances_within(
             nearest = min(max(q[k], low), high)
             start[k] = rng.uniform(max(low, nearest - np.pi), min(high, nearest + np.pi))
         closed, left = newton(conditions, start, range(problem.model.nv))
-        if left > CLOSED or loops.turned(closed) or not _within(problem, closed):
+        if left > CLOSED or loops.turned(closed) or not is_within(problem, closed):
             continue
         rest = balance(conditions, forces, closed)
-        if rest.converged and _within(problem, rest.q):
+        if rest.converged and is_within(problem, rest.q):
             balances.append(rest)
     return balances
 
@@ -273,7 +302,8 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
         loads = loads_at_rest(state) if scene.outputs.reactions else None
     progress(0.0, 0.0)
     result = report(state, loads)
-    result.summarise(summarise(state, loads), seconds=watch.report())
+    peaks = ABSENT if loads is None else loads.summary(())
+    result.summarise(summarise(state, peaks), seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -283,7 +313,7 @@ def rest_of(scene: Scene, watch: Stopwatch) -> AtRest:
     with watch.stage("equations"):
         problem = problem_of(scene)
     with watch.stage("assemble"):
-        q = closed_configuration(problem)
+        q = assembled_at_rest(problem).q
     with watch.stage("solve"):
         state = balanced(problem, q) if scene.statics.find == "balance" else held(problem, q)
         refuse_beyond_stops(problem, state.q)
@@ -305,15 +335,15 @@ def problem_of(scene: Scene) -> Problem:
     return Problem(at_rest(scene))
 
 
-def closed_configuration(problem: Problem) -> Array:
-    """Return the initial configuration q (nq,) with the loops closed, held joints where they are."""
+def assembled_at_rest(problem: Problem) -> Assembled:
+    """Return the initial configuration with the loops closed, held joints where they are."""
     scene = problem.scene
     given = initial_positions(scene, problem)
     held = tuple(dict.fromkeys((*held_columns(scene, problem), *position_columns(scene.prescribed))))
     check_prescribed(problem)
-    q = assemble(problem, given, {}, held).q
-    check_formulas(problem, q, np.zeros(problem.model.nv))
-    return q
+    assembled = assemble(problem, given, {}, held)
+    check_formulas(problem, assembled.q, np.zeros(problem.model.nv))
+    return assembled
 
 
 def refuse_beyond_stops(problem: Problem, q: Array) -> None:
@@ -341,10 +371,17 @@ def loads_at_rest(state: AtRest) -> Loads:
     return loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
 
 
-def mobility_at(state: AtRest) -> Mobility:
-    """Return the degrees of freedom of the configuration."""
+def loops_at(state: AtRest) -> tuple[Array, Array]:
+    """Return eta (m,) and Psi (m, nv) of the loops there."""
     problem = state.problem
-    return mobility(problem, psi_at(problem, state.q), rank_tolerance(problem, state.q))
+    eta = problem.numbers([row.eta for row in problem.constraints.loop_rows], state.q)
+    return eta, psi_at(problem, state.q)
+
+
+def mobility_at(state: AtRest, eta: Array, psi: Array) -> Mobility:
+    """Return the degrees of freedom of the configuration, with eta (m,) and Psi (m, nv) of its loops."""
+    gap = np.abs(eta).max(initial=0.0)
+    return mobility(state.problem, psi, float(rank_tolerances(state.problem, gap)))
 
 
 def report(state: AtRest, loads: Loads | None) -> Result:
@@ -359,7 +396,7 @@ def report(state: AtRest, loads: Loads | None) -> Result:
         result.add(f"torque_terms/{name}", term[None], **columns)
     rows = problem.constraints.loop_rows
     if rows:
-        dependent = mobility_at(state).redundant_rows > 0
+        dependent = mobility_at(state, *loops_at(state)).redundant_rows > 0
         add_rows(result, rows, {"constraints/multipliers": state.lam[None]}, dependent)
     if loads is not None:
         loads.add_to(result)
@@ -375,15 +412,17 @@ def _beyond_limits(state: AtRest) -> list[str]:
     return ([none] if state.starts else []) + warnings_at_rest(joints, state.q, state.tau)
 
 
-def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
-    """Return the summary of a run."""
+def summarise(
+    state: AtRest, loads: PeakLoads | Absent, loops: tuple[Array, Array] | None = None
+) -> StaticsSummary:
+    """Return the summary of a run. loops : their eta (m,) and Psi (m, nv), where these are known."""
     problem = state.problem
     model, find = problem.model, problem.scene.statics.find
     rows = problem.constraints.loop_rows
-    eta = problem.numbers([row.eta for row in rows], state.q)
+    eta, psi = loops or loops_at(state)
     return StaticsSummary(
         termination=Termination("balanced" if find == "balance" else "held", 0.0),
-        mobility=mobility_at(state) if rows else ABSENT,
+        mobility=mobility_at(state, eta, psi) if rows else ABSENT,
         warnings=_beyond_limits(state) or ABSENT,
         multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
         constraint_residual=LoopResidual(float(np.abs(eta).max())) if rows else ABSENT,
@@ -394,5 +433,5 @@ def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
         torques_of_joints=dict(zip(model.v_names, state.tau.tolist())),
         equilibrium=state.facts,
         error_estimate=ForceResidual(state.facts.residual),
-        reactions=ABSENT if loads is None else loads.summary(()),
+        reactions=loads,
     )

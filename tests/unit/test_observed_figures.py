@@ -22,7 +22,7 @@ from robodyn_cli.observe.singular_values import LeastNorm
 from robodyn_cli.over.many import simulate as many_simulate
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
-from robodyn_cli.summaries.facts import PeakLoad, fact
+from robodyn_cli.summaries.facts import ABSENT, PeakLoad, fact
 from robodyn_cli.summaries.inverse import definitions_of
 from robodyn_cli.summaries.motion import Counters
 from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
@@ -202,7 +202,7 @@ def test_a_loop_that_is_open_by_so_much_at_rest() -> None:
     q = np.array([0.2, rod, 0.3 * np.cos(0.2) + 0.9 * np.cos(0.2 + rod)])
     state = held(problem, q)
     for off in (0.0, 0.01):
-        told: Any = summarise(dataclasses.replace(state, q=q + np.array([0.0, 0.0, off])), None)
+        told: Any = summarise(dataclasses.replace(state, q=q + np.array([0.0, 0.0, off])), ABSENT)
         assert told.constraint_residual.position == pytest.approx(off, abs=1e-15)
 
 

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from robodyn_cli import inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SceneError
 from robodyn_cli.results.result import Result
-from robodyn_cli.solve.load_sharing import balance
+from robodyn_cli.solve.closing.balance import balance
 from robodyn_cli.works.statics import statics
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER, close
 

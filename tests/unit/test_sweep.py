@@ -701,9 +701,9 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
     [
         (
             "mechanisms/balanced_four_bar",
-            (),
+            ("command=assemble",),
             "robot.links.bar.mass",
-            "there is no compiled code of statics for many runs",
+            "there is no compiled code of assemble for many runs",
         ),
         (
             "trajectories/fastest_2r",
@@ -723,8 +723,8 @@ def test_runs_that_take_a_whole_command_say_why_and_what_each_costs(
     name: str, changes: tuple[str, ...], key: str, why: str, tmp_path: Path
 ) -> None:
     sets = [word for change in ("expect={}", *changes) for word in ("--set", change)]
-    of = {"statics": "equilibrium.residual", "inverse": "mechanism.degrees_of_freedom"}
-    scene = Family(CONFIGS / f"{name}.yaml").own
+    of = {"assemble": "mobility.rank", "inverse": "mechanism.degrees_of_freedom"}
+    scene = Family(CONFIGS / f"{name}.yaml", ("expect={}", *changes)).own
     output = of[scene.command] if scene.loops else "peak_torque.theta1"
     done = sweep(
         CONFIGS / f"{name}.yaml",

@@ -175,8 +175,8 @@ class LiveStructure:
             if key.key.sort == START:
                 group, _, name = key.key.place.partition(".")
                 (q if group == "q" else qd)[name] = key.value
-        closing = ManyClosing(self.structure, self.batch.numbers, q, qd)
-        if not closing.varies:
+        closing = ManyClosing(motion, self.batch.numbers, q, qd)
+        if not closing.varies and not any(key.key.sort == START for key in self.keys):
             return None
         if len(closing.missing) == closing.nv:
             raise CapabilityError(

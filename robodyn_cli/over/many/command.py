@@ -24,6 +24,8 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of
 
 Rows = NDArray[np.int64]
+STATUS = "status"
+TOO_SMALL = "a drive, or a margin of motorisation, is too small"
 Own = TypeVar("Own", bound=Built)
 
 
@@ -46,12 +48,15 @@ class BatchCommand(ABC, Generic[Own]):
     """A command for many runs. Without state: one object serves all.
 
     sampled : columns of what samples hold, ``q`` as positions and all others as rates. words : what keys of the summary
-    say in every run that compiled code makes. slow : why keys that begin so take a whole command.
+    say in every run that compiled code makes and that ends as it should, missed : in others. slow : why keys that begin
+    so take a whole command. judges : whether compiled code knows when drives or margins of motorisation are too small.
     """
 
     name: str
     words: Mapping[str, Any] = {}
+    missed: Mapping[str, Any] = {}
     slow: Mapping[str, str] = {}
+    judges = False
     sampled: tuple[str, ...] = ("q", "qd")
 
     @abstractmethod
@@ -203,11 +208,7 @@ def _reason(summary: Mapping[str, Any], code: int) -> str:
     if code == 0 or error:
         return str(error["message"]) if error else ""
     small = summary["status"] == "undersized"
-    return (
-        "a drive, or a margin of motorisation, is too small"
-        if small
-        else str(summary["termination"]["reason"])
-    )
+    return TOO_SMALL if small else str(summary["termination"]["reason"])
 
 
 def number_of(summary: Mapping[str, Any], key: str) -> float:
@@ -252,7 +253,8 @@ class Making:
         """Make these rows in compiled code; return those that are left to be made one by one."""
         plain = all(self.command.is_plain(key) for key in self.result.outputs)
         scene = self.structures.family.own
-        beside = VERDICT if scene.drives or scene.motorisation is not None else "" if plain else OTHER_KEYS
+        judged = scene.drives or scene.motorisation is not None
+        beside = VERDICT if judged and not self.command.judges else "" if plain else OTHER_KEYS
         left: list[int] = []
         for structure, group in self.structures.groups(self.result.values[rows]):
             here = rows[group]

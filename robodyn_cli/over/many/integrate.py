@@ -60,7 +60,7 @@ class RunBatch:
     def of(structure: Structure, values: Array, q: Array | None, qd: Array | None, threads: int) -> RunBatch:
         """Return the runs of rows of values; q, qd : initial states in place of the scene's."""
         numbers = structure.numbers(values)
-        starts = starts_of(structure, values, numbers, q, qd)
+        starts = starts_of(structure, structure.motion, values, q, qd)
         ends = structure.column("duration", values)
         if ends is None:
             ends = np.full(len(values), structure.motion.scene.simulate.duration)

@@ -10,9 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.drives.report import UNDERSIZED
+from robodyn_cli.errors import FAILED, RobodynError
 from robodyn_cli.given.motion import Planned
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, error_of, number_of
+from robodyn_cli.over.many.command import (
+    STATUS,
+    TOO_SMALL,
+    AskedRuns,
+    BatchCommand,
+    ManyRuns,
+    Rows,
+    error_of,
+    number_of,
+)
 from robodyn_cli.over.many.groups import table_rows
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.torques import ENTRIES, InverseStructure
@@ -92,22 +102,18 @@ UNIQUE = "unique"
 WORDS: Mapping[str, str] = {"mechanism.torques": UNIQUE, "mechanism.multipliers": UNIQUE}
 SECTIONS = (
     "constraint_residual",
+    "drives",
     "error_estimate",
+    "flywheel",
     "ik_residual",
     "mechanism",
+    "motorisation",
     "reactions",
     "round_trip",
     "samples",
+    "shaking",
     "termination",
 )
-
-
-SLOW = {
-    "drives.": "what motors bear is found by the command",
-    "motorisation": "margins are found by the command",
-    "shaking.": "shaking forces are found by the command",
-    "flywheel.": "flywheels are found by the command",
-}
 
 
 class InverseRuns(BatchCommand[InverseStructure]):
@@ -116,7 +122,8 @@ class InverseRuns(BatchCommand[InverseStructure]):
     name = "inverse"
     sampled = ("q", "qd", "qdd", "tau")
     words = WORDS
-    slow = SLOW
+    missed: Mapping[str, Any] = {STATUS: UNDERSIZED, **WORDS}
+    judges = True
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> InverseStructure:
         return InverseStructure(family, keys, row)
@@ -139,7 +146,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
             times = looked_at(structure.program, samples, structure.planned).times
         tables = table_rows(structure.tables, structure.numbers(asked.result.values[rows]))
         beside = [key for key in asked.result.outputs if figure_of(key) is None]
-        one_motion = structure.lead is None and not beside
+        one_motion = structure.lead is None and not beside and not structure.beside.judges
         left: list[int] = []
         runs = max(1, ENTRIES // (structure.size * len(times)))
         for first in range(0, len(rows), runs):
@@ -187,12 +194,15 @@ class InverseRuns(BatchCommand[InverseStructure]):
                 sampled = structure.sampled(planned, tables[k])
                 loops = sampled.loops
                 if not worded or loops is None or set(loops.shared.uniqueness) == {UNIQUE}:
-                    made.append(_MadeRun(structure, values[k : k + 1], int(rows[k]), planned, sampled))
+                    run = _MadeRun(structure, values[k : k + 1], int(rows[k]), planned, sampled)
+                    run.beside  # noqa: B018 - what the command refuses is left to it
+                    made.append(run)
         for runs in _with_equal_breaks(made):
             _keep_figures(structure, runs, result)
         for run in made:
             row, motion = run.row, run.planned.motion
-            result.code[row], result.time[row] = 0, times[-1]
+            result.code[row], result.time[row] = 0 if run.beside[1] else FAILED, times[-1]
+            result.reason[row] = "" if run.beside[1] else TOO_SMALL
             result.q[row], result.qd[row] = motion.q[-1], motion.qd[-1]
         kept = {run.row for run in made}
         if asked.samples:
@@ -240,6 +250,12 @@ class _MadeRun:
         return float(self.structure.rounding(self.sampled, self.values)[0])
 
     @cached_property
+    def beside(self) -> tuple[list[Any], bool]:
+        """The records of drives, margins, shaking forces and a flywheel, and whether drives and margins suffice."""
+        numbers = self.structure.numbers(self.values)
+        return self.structure.beside.records(self.sampled, numbers, self.loaded.breaks)
+
+    @cached_property
     def summary(self) -> dict[str, Any]:
         """The summary of the run but for the figures of its joints."""
         program, numbers = self.structure.program, self.structure.numbers(self.values)
@@ -248,7 +264,10 @@ class _MadeRun:
         own = dataclasses.replace(
             own, reactions=self.structure.loads(self.sampled, self.values, self.loaded.breaks)
         )
-        return {**as_keys(own), "samples": program.problem.scene.inverse.samples}
+        keys = {**as_keys(own), "samples": program.problem.scene.inverse.samples}
+        for record_of in self.beside[0]:
+            keys |= as_keys(record_of)
+        return keys
 
 
 def _with_equal_breaks(runs: Sequence[_MadeRun]) -> list[list[_MadeRun]]:

@@ -61,6 +61,7 @@ class DeployLatches(Deploy):
     def obstacle(self, motion: Motion) -> str:
         latches = motion.problem.latches
         reasons = {
+            "a controller acts": motion.problem.control is not None,
             "joints stick or meet stops by numbers that the equations do not hold": bool(
                 motion.problem.contact_joints
             ),

@@ -145,6 +145,21 @@ class Mechanism(ModelFunctions):
             raise CapabilityError(f"samples: {count}; allowed: 2 or more")
         return self._make(InverseRuns(), values, (None, None), of, count, None)
 
+    def statics_many(
+        self, values: Values = None, *, q: Array | None = None, of: Sequence[str] = ()
+    ) -> ManyRuns:
+        """Find the balances of a scene, or the torques that hold it (``statics.find``), with other numbers in each run.
+
+        Parameters, errors : as for ``simulate_many``; ``of`` names keys of the summary of ``statics``.
+
+        Returns
+        -------
+        A row for each run; ``q`` is the configuration at rest.
+        """
+        from robodyn_cli.over.many.rest.statics import StaticsRuns
+
+        return self._make(StaticsRuns(), values, (q, None), of, 0, None)
+
     @one_at_a_time
     def _make(
         self,

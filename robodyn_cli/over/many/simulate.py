@@ -19,7 +19,7 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.command import STATUS, AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.course import LARGEST, CourseEnds, integrate, is_between, with_between
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import (
@@ -109,6 +109,8 @@ class MotionCommand(BatchCommand[Structure]):
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
 
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
+        if asked.q is not None and structure.motion.problem.control is not None:
+            return rows.tolist()  # a controller may hold where joints start
         own_q, own_qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
         batch = RunBatch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
         methods = method_of(batch)
@@ -274,6 +276,7 @@ class Deploy(MotionCommand):
 
     name = "deploy"
     words = WORDS
+    missed: Mapping[str, Any] = {STATUS: "no_lock"}
     slow = SLOW
 
     def build(self, scene: Scene) -> Motion:
@@ -282,6 +285,7 @@ class Deploy(MotionCommand):
     def obstacle(self, motion: Motion) -> str:
         options = motion.scene.deploy
         reasons = {
+            "a controller acts": motion.problem.control is not None,
             "multipliers are judged on samples": options.criterion != "dead_point",
             "the motion goes on as the locked structure": options.after == "continue",
             "loads are judged on samples": bool(options.loads),

@@ -7,15 +7,20 @@ an initial value start from where they are in the structure's own pose, so that 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.many import Expressions, ManyNumbers
+from robodyn_cli.over.many.groups import Built
 from robodyn_cli.over.many.keys import START
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closing.assembly import Assembled
 from robodyn_cli.solve.closing.descent import starts_around
 from robodyn_cli.solve.closure import CLOSED, SAME, Numbers, has_full_rank, least_steps, newton_of_many
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
@@ -41,23 +46,33 @@ class Starts:
     def states(self, structure: Structure) -> Array:
         """Return the integrator's states (N, nx)."""
         system = structure.motion.system
-        x = np.zeros((len(self.q), system.size))
+        x = np.tile(structure.motion.start, (len(self.q), 1))  # states of a controller among them
         x[:, list(system.q_places)], x[:, list(system.v_places)] = self.q, self.v
         return x
 
 
+class Begun(Protocol):
+    """The start of the structure's own row: the equations, the scene, the pose in which the loops close."""
+
+    @property
+    def problem(self) -> Problem: ...
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def assembled(self) -> Assembled: ...
+
+
 def starts_of(
-    structure: Structure, values: Array, numbers: ManyNumbers, q: Array | None = None, qd: Array | None = None
+    structure: Built, begun: Begun, values: Array, q: Array | None = None, qd: Array | None = None
 ) -> Starts:
     """Return the starts of runs with rows of values (N, keys).
 
     Parameters
     ----------
-    q, qd : initial positions (N, nq) and rates (N, nv) in place of the scene's.
+    begun : of the structure. q, qd : initial positions (N, nq) and rates (N, nv) in place of the scene's.
     """
-    motion = structure.motion
-    model, scene, count = motion.problem.model, motion.scene, len(values)
-    own = {"q": motion.assembled.q, "qd": motion.assembled.v}
+    model, scene, count = begun.problem.model, begun.scene, len(values)
+    own = {"q": begun.assembled.q, "qd": begun.assembled.v}
     given = {
         "q": _given(structure, "q", model.q_names, scene.initial.q, values, q),
         "qd": _given(structure, "qd", model.v_names, scene.initial.qd, values, qd),
@@ -69,9 +84,10 @@ def starts_of(
         for k, column in enumerate(columns):
             if column in given[name]:
                 rows[name][:, k] = given[name][column]
-    if not motion.problem.constraints.rows:
+    if not begun.problem.constraints.rows:
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
-    closing = ManyClosing(structure, numbers, given["q"], given["qd"])
+    closing = ManyClosing(begun, structure.numbers(values), given["q"], given["qd"])
+    closing.varies |= any(key.sort == START for key in structure.keys)
     if q is None and qd is None and not closing.varies:
         same_q, same_v = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
         return Starts(same_q, same_v, np.ones(count, dtype=bool))
@@ -84,7 +100,7 @@ def starts_of(
 
 
 def _given(
-    structure: Structure,
+    structure: Built,
     name: str,
     columns: Sequence[str],
     scene: Mapping[str, float],
@@ -107,14 +123,13 @@ class ManyClosing:
 
     def __init__(
         self,
-        structure: Structure,
+        begun: Begun,
         numbers: ManyNumbers,
         q: Mapping[str, Array | float],
         qd: Mapping[str, Array | float],
     ) -> None:
-        motion = structure.motion
-        problem = self.problem = motion.problem
-        self.numbers, self.own = numbers, motion.assembled.q
+        problem = self.problem = begun.problem
+        self.numbers, self.own = numbers, begun.assembled.q
         rows = problem.constraint_rows
         self.equations = {
             "eta": [row.eta for row in rows],
@@ -126,12 +141,9 @@ class ManyClosing:
         self.lengths, self.sizes = self.one.lengths, self.one.sizes
         equations = (self._eta, self._psi, self._cosines)
         numbers_there = [x for part in equations for x in (*part.constants, *part.outputs)]
-        # whether runs have other loops, or other initial values
-        self.varies = any(key.sort == START for key in structure.keys) or any(
-            numbers.recipe.varies(x) for x in numbers_there
-        )
+        self.varies = any(numbers.recipe.varies(x) for x in numbers_there)  # whether runs have other loops
         model = problem.model
-        held = held_columns(motion.scene, problem)
+        held = held_columns(begun.scene, problem)
         self.nv = model.nv
         self.missing = [k for k, name in enumerate(model.q_names) if name not in q and name not in held]
         self.free = [k for k, name in enumerate(model.q_names) if name not in held]

@@ -20,7 +20,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
-from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
+from robodyn_cli.over.many.keys import NUMBER, OPTION, START, Key, settings
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -57,7 +57,7 @@ class Structure(Built):
             self.motion = command.build(scene)
             choice = self.motion.choice  # a method that may change is that of a run, not of the structure
             tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
-        why = obstacle(self.motion, times_vary(keys), command.follows_events) or command.obstacle(self.motion)
+        why = obstacle(self.motion, keys, command.follows_events) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
@@ -136,27 +136,28 @@ class Structure(Built):
 
 def times_vary(keys: Sequence[Key]) -> bool:
     """Tell whether functions of time may switch at other times, or over another duration, in other runs."""
-    sections = ("parameters.", "torques.", "forces.")
+    sections = ("parameters.", "torques.", "forces.", "control.", "trajectory.")
     return any(key.sort == OPTION or (key.sort == NUMBER and key.place.startswith(sections)) for key in keys)
 
 
-def obstacle(motion: Motion, times_vary: bool, follows_events: bool = False) -> str:
+def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) -> str:
     """Return why runs of a motion are made one by one, by the driver in Python; nothing where compiled code does.
 
-    times_vary : whether other runs may have functions of time with other features. follows_events : whether runs are
-    handed to their watchers at events.
+    keys : that vary between runs. follows_events : whether runs are handed to their watchers at events.
     """
     system, problem = motion.system, motion.problem
-    constraints = problem.constraints
+    constraints, control = problem.constraints, problem.control
     begins = any(watcher.sets_start for watcher in motion.watchers)
     reasons = {
         "a long chain is integrated by loops over its bodies": system.dynamics.any_size,
         "independent coordinates or rows are chosen along the motion": system.partition is not None,
         "contact states begin and change in Python": not follows_events
         and (begins or bool(system.parameters)),
-        "a controller acts": problem.control is not None,
+        "a controller samples": control is not None and control.period is not None,
+        "a controller starts otherwise, or holds where the joints start": control is not None
+        and any(key.sort == START or key.place.startswith("control.state") for key in keys),
         "steps have to end at times that formulas or tables give": bool(system.breakpoints)
-        or any(times_vary or not corners.resolved for _, corners in problem.switching.time_structures),
+        or any(times_vary(keys) or not corners.resolved for _, corners in problem.switching.time_structures),
         "a motion is prescribed": bool(constraints.rheonomic),
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,

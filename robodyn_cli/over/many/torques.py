@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.drives.motorisation import ActingTorques, JointMargins
+from robodyn_cli.drives.report import Drives, Moved, StandingStill
 from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import witnessed
-from robodyn_cli.expr.many import Decision
+from robodyn_cli.expr.many import Decision, ManyNumbers
 from robodyn_cli.given.guided_motion import with_target
 from robodyn_cli.given.loop_conditions import Lead, leads_apart, velocity_places
 from robodyn_cli.given.motion import Planned
@@ -28,6 +32,8 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.design import BalanceKeys
+from robodyn_cli.summaries.drives import DriveKeys, MotorisationKeys
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.torques.build import OpenChain
 from robodyn_cli.torques.checks import crowded_turns
@@ -35,6 +41,7 @@ from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.motion import JointMotion
+from robodyn_cli.works.balance import Shaking, Wheel
 from robodyn_cli.works.inverse import at_rest, planned_at, program_of
 
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
@@ -60,6 +67,7 @@ class InverseStructure(Built):
             self.reactions = None
             if scene.outputs.reactions:
                 self.reactions = ReactionSamples(self.program.problem, scene.inverse.samples)
+            self.beside = Burdens(self.program.problem, scene)
             if not (why := obstacle(self.program, self.lead, scene, keys)) and self.lead is not None:
                 self._guide(self.program.looked_at(scene.inverse.samples))
         names = list(self.program.outputs)
@@ -161,6 +169,52 @@ class InverseStructure(Built):
         return np.where(np.isfinite(off), off, np.nan)
 
 
+class Burdens:
+    """What drives, margins of motorisation, shaking forces and a flywheel follow from beside the torques, as far as the
+    scene asks for them. scene : as it is written, whose numbers are plain ones."""
+
+    def __init__(self, problem: Problem, scene: Scene) -> None:
+        asked = scene.inverse
+        self.problem, samples = problem, asked.samples
+        self.drives = StandingStill(scene, problem, samples) if scene.drives else None
+        self.margins = ActingTorques(problem, True, samples) if scene.motorisation is not None else None
+        self.shaking = Shaking(problem, asked.shaking, samples) if asked.shaking is not None else None
+        self.wheel = Wheel(problem, samples) if asked.flywheel is not None else None
+        parts = (self.drives, self.margins, self.shaking, self.wheel)
+        self._functions = [part.function for part in parts if part is not None and part.function is not None]
+
+    @property
+    def judges(self) -> bool:
+        """Whether limits decide the exit code."""
+        return self.drives is not None or self.margins is not None
+
+    def records(self, sampled: Sampled, numbers: ManyNumbers, breaks: Breaks) -> tuple[list[Any], bool]:
+        """Return the records of a run with these numbers, and whether drives and margins suffice.
+
+        Raises
+        ------
+        CapabilityError : the command refuses the run.
+        """
+        for function in self._functions:
+            function.take([numbers.table(x)[0] for x in function.numbers])
+        motion, suffice = sampled.motion, True
+        records: list[Any] = []
+        moved = Moved(sampled.times, motion.q, motion.qd, motion.qdd, sampled.tau, tuple(breaks))
+        if self.drives is not None:
+            figures = Drives.of(self.problem.scene, self.problem, moved, self.drives).figures()
+            records.append(DriveKeys(figures, self.problem.scene.catalogue.title or ABSENT))
+            suffice = all(one.passes for one in figures.values())
+        if self.margins is not None:
+            margins = JointMargins.along(self.margins, moved).figures()
+            records.append(MotorisationKeys(margins))
+            suffice = suffice and all(one.met for one in margins.values())
+        if self.shaking is not None or self.wheel is not None:
+            shaking = ABSENT if self.shaking is None else self.shaking.figures(sampled, list(breaks))
+            wheel = ABSENT if self.wheel is None else self.wheel.figures(sampled, list(breaks))
+            records.append(BalanceKeys(shaking, wheel))
+        return records, suffice
+
+
 @record
 class _OfRun:
     """The code of a structure with the table of a run."""
@@ -210,4 +264,8 @@ def motion_reasons(scene: Scene, program: InverseProgram, keys: Sequence[Key]) -
         ),
         "a prescribed motion changes": any(key.place.startswith("prescribed.") for key in keys),
         "payloads are gripped or released": bool(program.problem.model.switched),
+        "data of drives or of margins vary": any(
+            key.sort == NUMBER and key.place.startswith(("drives.", "motorisation.", "inverse."))
+            for key in keys
+        ),
     }

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.contact_joints import moving_freely
-from robodyn_cli.equations.torque_terms import torque_terms
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led, velocity_places
@@ -33,12 +32,13 @@ from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, s
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.works.statics import (
+    assembled_at_rest,
     balanced,
-    closed_configuration,
     holding_joints,
     load_at_rest,
     problem_of,
     staying,
+    terms_at_rest,
 )
 
 RANK = 1e-8  # as ``solve/load_sharing.py`` solves for multipliers
@@ -77,7 +77,7 @@ class StaticsSlopes:
         self.asked, self.numbers = asked, numbers
         self.problem = problem = problem_of(scene)
         self.balances = scene.statics.find == "balance"
-        self.start = closed_configuration(problem)
+        self.start = assembled_at_rest(problem).q
         self.lead = staying(problem, self.start) if self.balances else nothing_led()
         if not set(self.lead.joints) <= set(self.lead.positions):
             raise CapabilityError("attitudes of joints are held")
@@ -99,7 +99,7 @@ class StaticsSlopes:
     def _load(self) -> list[Scalar]:
         if self.balances:
             return load_at_rest(self.problem)
-        terms = [x for name, x in torque_terms(self.problem).items() if name not in ("inertia", "coriolis")]
+        terms = terms_at_rest(self.problem).values()
         return [sum(parts) for parts in zip(*terms)] or [0.0] * self.problem.model.nv
 
     def slopes(self) -> dict[str, list[Slope]]:

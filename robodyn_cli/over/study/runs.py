@@ -25,7 +25,7 @@ from robodyn_cli.errors import FAILED, INTERRUPTED, SceneError
 from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE, judge
 from robodyn_cli.over.commands import execute
-from robodyn_cli.over.many.command import BatchCommand, ManyRuns, ended, error_of, number_of
+from robodyn_cli.over.many.command import STATUS, BatchCommand, ManyRuns, ended, error_of, number_of
 from robodyn_cli.over.many.groups import Built
 from robodyn_cli.over.many.keys import Key, settings
 from robodyn_cli.over.many.mechanism import Mechanism
@@ -38,8 +38,6 @@ from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
-STATUS = "status"
-MISSED = {STATUS: "no_lock"}
 MOST_KEYS = 3  # that are named
 
 commands: Registry[BatchCommand[Any]] = Registry("robodyn_cli", places("batch"), made=True)
@@ -62,13 +60,14 @@ def _command_of(task: Task) -> BatchCommand[Any] | None:
 
 def beyond(task: Task) -> list[str]:
     """Return the outputs and expectations of a study that compiled code does not give."""
-    margins = ["motorisation"] if task.family.own.motorisation is not None else []  # decide the exit code
+    command = _command_of(task)
+    judged = task.family.own.motorisation is not None and not (command is not None and command.judges)
+    margins = ["motorisation"] if judged else []  # decide the exit code
     wanted = [
         *task.outputs,
         *margins,
         *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS)),
     ]
-    command = _command_of(task)
     return [key for key in dict.fromkeys(wanted) if command is None or not command.is_plain(key)]
 
 
@@ -117,9 +116,8 @@ class Compiled:
         rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
         for k, key in enumerate(task.outputs):
             rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
-        rows["holds"] = _holds(
-            task.family.own.expect, runs, {STATUS: COMMANDS[task.command].good, **self._command.words}
-        )
+        words = {STATUS: COMMANDS[task.command].good, **self._command.words}
+        rows["holds"] = _holds(task.family.own.expect, runs, words, self._command.missed)
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
@@ -138,17 +136,19 @@ class Compiled:
             size = int(min(LARGEST_BLOCK, max(FIRST_BLOCK, len(points) * SECONDS_OF_BLOCK / spent)))
 
 
-def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, words: Mapping[str, Any]) -> Array:
+def _holds(
+    expect: Mapping[str, Expectation], runs: ManyRuns, words: Mapping[str, Any], missed: Mapping[str, Any]
+) -> Array:
     """Return in which runs (N,) all that a scene expects holds; in none that is refused.
 
-    words : of runs that end as they should; those that do not, all for the same reason, have none but ``MISSED``.
+    words : of runs that end as they should, missed : of those that do not, all for the same reason.
     """
     good, holds = runs.ok, runs.ok | (runs.code == FAILED)
     for key, expected in expect.items():
         if key == EXIT_CODE or (key not in words and key in runs.outputs):
             values: list[Any] = (runs.code if key == EXIT_CODE else runs.outputs[key]).tolist()
         else:
-            values = [words[key] if ok else MISSED.get(key) for ok in good]
+            values = [words[key] if ok else missed.get(key) for ok in good]
         holds &= np.array([expected.holds(x) for x in values], dtype=bool)
     return holds
 
