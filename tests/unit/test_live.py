@@ -177,7 +177,7 @@ def test_a_motion_without_a_lock_is_no_answer(tmp_path: Path) -> None:
 REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "another command": ("seven_joint_arm.yaml", (), {}, "does not run in a page; allowed: simulate, deploy"),
     "contacts": ("bouncing_pendulum.yaml", (), {}, "contact states begin and change in Python"),
-    "controllers": ("cart_pole_lqr.yaml", (), {}, "a controller acts"),
+    "controllers": ("cart_pole_lqr.yaml", (), {}, "a controller (acts|samples)"),
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
     "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),

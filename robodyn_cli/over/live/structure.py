@@ -158,7 +158,7 @@ class LiveStructure:
             "the motion turns stiff, so that its method changes on the way": choice.may_change
             and choice.method == STIFF,
             "latches close": motion.system.closings is not None or bool(scene.deploy.latches),
-            "controllers act at instants": motion.system.updates is not None,
+            "a controller acts": scene.control is not None,
             "loops of joints with quaternions are closed in Python": quasi
             and bool(motion.problem.constraints.rows),
         }

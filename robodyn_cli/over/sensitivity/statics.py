@@ -31,15 +31,8 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
-from robodyn_cli.works.statics import (
-    assembled_at_rest,
-    balanced,
-    holding_joints,
-    load_at_rest,
-    problem_of,
-    staying,
-    terms_at_rest,
-)
+from robodyn_cli.works.equilibria import balanced, load_at_rest, staying
+from robodyn_cli.works.statics import assembled_at_rest, holding_joints, problem_of, terms_at_rest
 
 RANK = 1e-8  # as ``solve/load_sharing.py`` solves for multipliers
 INDIFFERENT = 1e-9  # part of the largest stiffness below which a configuration may be any

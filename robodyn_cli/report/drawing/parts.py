@@ -27,10 +27,8 @@ FREE = 6  # velocities of a body that nothing holds
 GREY = "#9a9a9a"
 OF_PAYLOADS = "#4d4d4d"
 DENSITY = 2700.0  # of a cube for a payload whose inertia is not known [kg/m^3]
-# black and grey are those of outlines and of the ground
-LINK_COLOURS = tuple(colour for colour in COLOURS if colour not in ("#000000", "#7F7F7F", "#56B4E9")) + (
-    "#A0A000",  # in the place of a second blue, as areas are pale
-)
+# black and grey are those of outlines and of the ground; in the place of a second blue, as areas are pale, an olive
+LINK_COLOURS = (*(c for c in COLOURS if c not in ("#000000", "#7F7F7F", "#56B4E9")), "#A0A000")
 
 
 def colour_of(place: int) -> str:

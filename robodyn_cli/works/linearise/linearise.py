@@ -361,7 +361,7 @@ def _summary(
 
 def _holding(given: Nominal) -> dict[str, float]:
     """Return the constant torques that keep the pose, by coordinate: of inputs, or of joints that stay at a balance."""
-    from robodyn_cli.works.statics import staying_places
+    from robodyn_cli.works.equilibria import staying_places
 
     if given.about not in ("hold", "balance"):
         return {}

@@ -270,7 +270,7 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
 
 def _balance(problem: Problem, states: States) -> States:
     """Return the balance reached from a configuration; what holds joints of ``initial.hold`` is a constant torque."""
-    from robodyn_cli.works.statics import balanced
+    from robodyn_cli.works.equilibria import balanced
 
     rest = balanced(problem, states.q[0])
     own = problem.numbers(problem.actuator_torques, rest.q)

@@ -36,17 +36,12 @@ from robodyn_cli.solve.closure import newton_of_many
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.works.equilibria import AtRest, RestForces, at_balance, is_within, load_at_rest, staying
 from robodyn_cli.works.statics import (
-    AtRest,
-    RestForces,
     assembled_at_rest,
-    at_balance,
     held_by_actuators,
-    is_within,
-    load_at_rest,
     problem_of,
     statics,
-    staying,
     summarise,
     terms_at_rest,
 )
