@@ -54,6 +54,8 @@ class Problem:
     braces : inertias along constraint rows, by name (see ``with_inertia`` of ``equations/constraints.py``).
     """
 
+    is_variant = False  # whether these are the equations with changes, to count operations
+
     def __init__(
         self,
         scene: sc.Scene,
