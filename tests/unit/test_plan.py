@@ -298,7 +298,7 @@ MOUNTED = """
 ON_JOINTS = {
     "latch": "deploy: {until: end, latches: [{name: last, joint: j2, at: 0.5}]}\nsimulate: {duration: 1}",
     "control": "simulate: {duration: 1}\ncontrol: {type: gravity}",
-    "prescribed": "prescribed: {j2: sin(t)}\nsimulate: {duration: 1}",
+    "prescribed": "prescribed: {j2: 0.2 + sin(t)}\nsimulate: {duration: 1}",
     "torques": "torques: {j2: 0.1 - 0.2*qd.j2}\nsimulate: {duration: 1}",
 }
 
