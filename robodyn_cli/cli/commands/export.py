@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
+from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, choice, file
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
@@ -39,6 +40,7 @@ def command(
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", help="Where the files go.", show_default=False)
     ],
+    overrides: Overrides = None,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -46,7 +48,7 @@ def command(
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "exporting"):
-        files, notes = _files(source, to, out)
+        files, notes = _files(source, to, out, overrides or ())
     for text in notes:
         console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
@@ -54,7 +56,7 @@ def command(
     return 0
 
 
-def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
+def _files(source: Path, to: str, out: Path, overrides: Sequence[str]) -> tuple[list[Path], list[str]]:
     """Write the files of a result or a scene, as the source is one; return them, and what there is to say.
 
     Raises
@@ -69,6 +71,8 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
         raise CapabilityError(
             f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"
         )
+    if overrides and stored:
+        raise CapabilityError(f"{source} is a result, in which --set changes nothing; allowed: of scenes")
     if to in OF_RESULTS:
         from robodyn_cli.over.batch.stored import read_stored
         from robodyn_cli.results.export import export
@@ -77,4 +81,4 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
     from robodyn_cli.over.export.scene import export_robot
     from robodyn_cli.scene.load import load_robot
 
-    return export_robot(load_robot(source), to, out)
+    return export_robot(load_robot(source, overrides), to, out)
