@@ -32,6 +32,7 @@ from robodyn_cli.motion.contact.events import (
 )
 from robodyn_cli.motion.contact.impact import Impact, halted, is_lost
 from robodyn_cli.motion.motion import Motion, Watcher
+from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.spatial.algebra import Array
 
 AT_STOP = 1e-12  # a joint this close to a stop, relative to its position, is at it
@@ -66,7 +67,16 @@ class ContactStates(Watcher):
         self.functions = contact_functions(problem, self)
 
     def follow(self, motion: Motion) -> None:
-        self.system = motion.system
+        """Make what is evaluated at events; before that, so before anything is compiled, count freedoms at the start.
+
+        Raises
+        ------
+        CapabilityError : more joints could stick than the mechanism has degrees of freedom, so that their forces would
+        not be unique.
+        """
+        self.system, q = motion.system, motion.assembled.q
+        psi = self.problem.numbers(self.problem.psi, q).reshape(-1, self.problem.model.nv)
+        check_freedom(self.joints, psi, rank_tolerance(self.problem, q))
         self._rates = SampleKernel(
             {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, STATE_GROUPS
         )
@@ -127,13 +137,11 @@ class ContactStates(Watcher):
 
         Raises
         ------
-        SceneError : a joint is beyond a stop. CapabilityError : more joints could stick than the mechanism has
-        degrees of freedom, so that their forces would not be unique.
+        SceneError : a joint is beyond a stop.
         """
         x = x.copy()
         self._clear()
         self.options = options
-        check_freedom(self.joints, self._mass_matrix_and_psi(t, x)[1])
         self._settle_speeds(x)
         for k, joint in enumerate(self.joints):
             place = self._q(joint)
