@@ -75,9 +75,28 @@ class Conditions(Protocol):
         ...
 
 
+ODD = 100.0  # times the usual length, from which on a length seems to be in another unit
+
+
 def mechanism_size(model: Model) -> float:
     """Return a characteristic length of the mechanism [m]: the sum of the distances from joint to joint, or more."""
     return _size(len(model.bodies), [float(x) for x in _lengths(model)])
+
+
+def out_of_scale(model: Model) -> str:
+    """Return words about a length that is so much larger than the others, that its unit may be another one."""
+    places = {f"joint {body.joint_name!r}": [body.X_tree.r] for body in model.bodies}
+    places |= {f"loop {loop.name!r}": [loop.first.p, loop.second.p] for loop in model.loops}
+    lengths = {
+        name: max(math.hypot(*(0.0 if isinstance(x, Expr) else float(x) for x in r)) for r in own)
+        for name, own in places.items()
+    }
+    known = sorted(x for x in lengths.values() if x > 0.0)
+    name = max(lengths, key=lambda name: lengths[name], default="")
+    usual = known[(len(known) - 1) // 2] if known else math.inf
+    if not name or lengths[name] < ODD * usual:
+        return ""
+    return f"; {name} is {lengths[name]:.6g} m from its link's origin, where others are {usual:.3g} m: are these metres?"
 
 
 def size_number(model: Model) -> float:
@@ -149,7 +168,7 @@ class Numbers:
     def __init__(self, equations: ClosureEquations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
         self.q_names, self.couplers = equations.model.q_names, equations.model.couplers
-        self.manifold = Manifold(equations.model)
+        self.model, self.manifold = equations.model, Manifold(equations.model)
         self.nv = equations.model.nv
         self.parameters = list(parameters)
         self._eta = self.values_of([row.eta for row in self.rows])
