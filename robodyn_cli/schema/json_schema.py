@@ -89,7 +89,9 @@ class _Maker:
             if kinds.ATTACH in properties:
                 for name in ("joints", "links"):
                     by_name = {"type": "object", "additionalProperties": {"type": "object"}}
-                    words = {"description": f"{properties[name]['description']} Or changes of the file's, by name."}
+                    words = {
+                        "description": f"{properties[name]['description']} Or changes of the file's, by name."
+                    }
                     properties[name] = {"anyOf": [properties[name], by_name]} | words
                 properties[kinds.PREFIX] = {
                     "type": "string",

@@ -96,7 +96,8 @@ def out_of_scale(model: Model) -> str:
     usual = known[(len(known) - 1) // 2] if known else math.inf
     if not name or lengths[name] < ODD * usual:
         return ""
-    return f"; {name} is {lengths[name]:.6g} m from its link's origin, where others are {usual:.3g} m: are these metres?"
+    far = f"{name} is {lengths[name]:.6g} m from its link's origin"
+    return f"; {far}, where others are {usual:.3g} m: are these metres?"
 
 
 def size_number(model: Model) -> float:

@@ -326,3 +326,29 @@ simulate: {duration: 1}
     ) as caught:
         simulate(load_scene_text(text))
     assert caught.value.details["coupler"] in ("mimic", "again")
+
+
+def test_a_length_in_another_unit_is_told_where_loops_do_not_close() -> None:
+    """The crank's length in millimetres; a mechanism that is only too short has no such words."""
+    with pytest.raises(GeometryError, match="joint 'phi1' is 300 m from .*: are these metres"):
+        assembled(OPEN, "robot.joints.phi1.origin.xyz.0=300")
+    with pytest.raises(GeometryError) as caught:
+        assembled(OPEN, "robot.joints.phi1.origin.xyz.0=3")
+    assert "metres" not in str(caught.value)
+
+
+OPEN = """
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: theta, type: revolute, axis: [0, 0, 1]}
+    - {name: psi, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.3, 0, 0]}}
+    - {name: phi1, type: revolute, axis: [0, 0, 1], parent: base, origin: {xyz: [0.3, 0, 0]}}
+  links:
+    - {name: crank, mass: 1, inertia: {zz: 0.1}}
+    - {name: rod, mass: 1, inertia: {zz: 0.1}}
+    - {name: arm, mass: 1, inertia: {zz: 0.1}}
+  points: {end: {link: rod, at: [0.4, 0, 0]}, tip: {link: arm, at: [0.4, 0, 0]}}
+loops: [{name: pin, type: revolute, between: [end, tip]}]
+initial: {q: {theta: 1}, hold: [theta]}
+"""

@@ -90,8 +90,9 @@ def misspellings(text: str) -> Iterator[tuple[str, str]]:
         if above and (above[-1], tag[2]) not in done:
             done.add((above[-1], tag[2]))
             opening, inside = f"{text[: tag.end(2)]}x", text[tag.end(2) :]
-            yield f"<{tag[2]}> in <{above[-1]}>", (
-                opening + (inside if tag[4] else inside.replace(f"</{tag[2]}>", f"</{tag[2]}x>", 1))
+            yield (
+                f"<{tag[2]}> in <{above[-1]}>",
+                (opening + (inside if tag[4] else inside.replace(f"</{tag[2]}>", f"</{tag[2]}x>", 1))),
             )
         if not tag[4]:
             above.append(tag[2])

@@ -319,7 +319,10 @@ def test_latches_between_links_that_a_loop_joins(hold: str) -> None:
     """The equations without a loop, and those of a serial chain, have no latch across it."""
     scene = load_scene(
         CONFIGS / "mechanisms/four_bar_locked.yaml",
-        ["deploy.latch=null", f"deploy={{until: end, latches: [{{name: l, between: [coupler, follower], when: t - 1, hold: {hold}}}]}}"],
+        [
+            "deploy.latch=null",
+            f"deploy={{until: end, latches: [{{name: l, between: [coupler, follower], when: t - 1, hold: {hold}}}]}}",
+        ],
     )
     assert kept(plan(scene, "deploy"), "loop pin with multipliers") > 0
 

@@ -67,7 +67,9 @@ def test_redundant_rows_of_a_bennett_linkage_are_named() -> None:
     assert multipliers["unique"] is False and multipliers["choice"] == "least norm"
     assert multipliers["dependent"] == [{"loops": ["last"], "rows": [*every], "rank": 2}]
     told = " ".join(multiplier_lines(found.summary))
-    assert f"redundant rows {', '.join(redundant)}: multipliers" in told, "these, and no row that they follow from"
+    assert f"redundant rows {', '.join(redundant)}: multipliers" in told, (
+        "these, and no row that they follow from"
+    )
 
 
 def test_freedoms_left_by_loops_do_not_count_rounding_in_the_data() -> None:

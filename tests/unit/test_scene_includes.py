@@ -227,7 +227,9 @@ def test_points_beside_include_replace_those_of_their_name(tmp_path: Path) -> No
     assert list(scene.robot.frames) == ["hand"]
 
 
-CHAIN = ROBOT.replace("links:", "  - {name: j2, type: revolute, a: 1, alpha: 0, d: 0}\nlinks:\n  - {name: l0}")
+CHAIN = ROBOT.replace(
+    "links:", "  - {name: j2, type: revolute, a: 1, alpha: 0, d: 0}\nlinks:\n  - {name: l0}"
+)
 
 
 def test_joints_and_links_beside_include_change_by_name(tmp_path: Path) -> None:

@@ -26,7 +26,11 @@ def check_freedom(joints: Sequence[ContactJoint], psi: Array, tolerance: float) 
     sticking = [joint for joint in joints if joint.friction is not None]
     rank_of_psi = rank(psi, tolerance) if psi.size else 0
     motions = np.linalg.svd(psi)[2][rank_of_psi:] if psi.size else np.eye(psi.shape[1])
-    held = int(np.linalg.matrix_rank(motions[:, [joint.v for joint in sticking]], tol=tolerance)) if sticking else 0
+    held = (
+        int(np.linalg.matrix_rank(motions[:, [joint.v for joint in sticking]], tol=tolerance))
+        if sticking
+        else 0
+    )
     if held < len(sticking):
         names = ", ".join(joint.name for joint in sticking)
         raise CapabilityError(

@@ -262,7 +262,12 @@ def _proof(ended: EndedSearch, same: int) -> SearchProof:
     if len(bends):
         known |= {"second_order": float(bends.min()), "second_order_error": optimum.curved.H_error}
     text = f"{_first(optimum, error)}, {_second(optimum, bends)}"
-    if len(bends) and optimum.left <= error and np.abs(bends).max() <= optimum.curved.H_error and _are_equal(ended):
+    if (
+        len(bends)
+        and optimum.left <= error
+        and np.abs(bends).max() <= optimum.curved.H_error
+        and _are_equal(ended)
+    ):
         keys = [search.task.keys[k] for k in search.continuous]
         text = f"the output does not depend on {', '.join(keys)}, as far as derivatives and all starts tell"
     best = f"that no other is better is not proved: {same} of {count} starts came here"

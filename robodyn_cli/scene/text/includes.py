@@ -171,7 +171,9 @@ def with_changes(items: nodes.Sequence, changes: nodes.Mapping, path: nodes.Path
         k = names.index(name.text)
         item = new[k]
         if not isinstance(keys, nodes.Mapping) or not isinstance(item, nodes.Mapping):
-            raise nodes.located(keys, nodes.dotted((*path, name.text)), "must be a map of the keys that change")
+            raise nodes.located(
+                keys, nodes.dotted((*path, name.text)), "must be a map of the keys that change"
+            )
         for key, value in keys.entries:
             item = item.replaced(key, value)
         new[k] = item

@@ -15,7 +15,16 @@ from typing import Any
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.unread import OF_CLOSURES, OF_DRAKE_ELEMENTS, POSE, SHAPES, TIES, Children, left_out, refuse_acting
+from robodyn_cli.scene.unread import (
+    OF_CLOSURES,
+    OF_DRAKE_ELEMENTS,
+    POSE,
+    SHAPES,
+    TIES,
+    Children,
+    left_out,
+    refuse_acting,
+)
 from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind
 from robodyn_cli.scene.urdf.xml import XmlElement
 
