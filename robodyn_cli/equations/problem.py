@@ -49,8 +49,7 @@ class Problem:
     ----------
     scene : the checked scene.
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
-    keep_rows : constraint rows to keep, by index; all by default.
-    dependent : rows that depend on each other in every pose (see ``independent_rows``).
+    keep_rows : constraint rows to keep, by index; all by default. dependent : rows that depend on each other everywhere.
     braces : inertias along constraint rows, by name (see ``with_inertia`` of ``equations/constraints.py``).
     """
 
@@ -75,12 +74,11 @@ class Problem:
         self.keep_rows, self.dependent = keep_rows, tuple(dependent)
         self.braces = braces or {}
         self.latches: tuple[LatchRow, ...] = ()  # those that events close and open
-        self.sprung: tuple[LatchRow, ...] = ()  # of these the ones with a spring
         if scene.latched:
             from robodyn_cli.equations.latches import latch_rows
 
             self.latches = latch_rows(self)
-            self.sprung = tuple(latch for latch in self.latches if not latch.rigid)
+        self.sprung = tuple(latch for latch in self.latches if not latch.rigid)  # of these the ones with a spring
         self.control: Control | None = None
         if scene.control is not None:
             from robodyn_cli.equations.control.control import Control

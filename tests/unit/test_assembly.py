@@ -348,7 +348,7 @@ robot:
     - {name: crank, mass: 1, inertia: {zz: 0.1}}
     - {name: rod, mass: 1, inertia: {zz: 0.1}}
     - {name: arm, mass: 1, inertia: {zz: 0.1}}
-  points: {end: {link: rod, at: [0.4, 0, 0]}, tip: {link: arm, at: [0.4, 0, 0]}}
-loops: [{name: pin, type: revolute, between: [end, tip]}]
+  points: {far: {link: rod, at: [0.4, 0, 0]}, tip: {link: arm, at: [0.4, 0, 0]}}
+loops: [{name: pin, type: revolute, between: [far, tip]}]
 initial: {q: {theta: 1}, hold: [theta]}
 """

@@ -67,13 +67,7 @@ class ContactStates(Watcher):
         self.functions = contact_functions(problem, self)
 
     def follow(self, motion: Motion) -> None:
-        """Make what is evaluated at events; before that, so before anything is compiled, count freedoms at the start.
-
-        Raises
-        ------
-        CapabilityError : more joints could stick than the mechanism has degrees of freedom, so that their forces would
-        not be unique.
-        """
+        """Make what is evaluated at events; see ``check_freedom`` for what is refused before anything is compiled."""
         self.system, q = motion.system, motion.assembled.q
         psi = self.problem.numbers(self.problem.psi, q).reshape(-1, self.problem.model.nv)
         check_freedom(self.joints, psi, rank_tolerance(self.problem, q))

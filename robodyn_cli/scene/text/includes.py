@@ -156,9 +156,7 @@ def robot_of(tree: nodes.Node, path: nodes.Path) -> nodes.Node:
 
 
 def with_changes(items: nodes.Sequence, changes: nodes.Mapping, path: nodes.Path) -> nodes.Sequence:
-    """Return a list in which items have other values of some keys, by the items' names.
-
-    Raises
+    """Return a list in which items have other values of some keys, by the items' names. Raises
     ------
     SceneError : no item has such a name, or its changes are no map.
     """
