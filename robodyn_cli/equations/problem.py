@@ -49,7 +49,7 @@ class Problem:
     ----------
     scene : the checked scene.
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
-    keep_rows : constraint rows to keep, by index; all by default. dependent : rows that depend on each other everywhere.
+    keep_rows : constraint rows to keep, by index; by default all. dependent : rows that depend on each other always.
     braces : inertias along constraint rows, by name (see ``with_inertia`` of ``equations/constraints.py``).
     """
 
@@ -78,7 +78,7 @@ class Problem:
             from robodyn_cli.equations.latches import latch_rows
 
             self.latches = latch_rows(self)
-        self.sprung = tuple(latch for latch in self.latches if not latch.rigid)  # of these the ones with a spring
+        self.sprung = tuple(latch for latch in self.latches if not latch.rigid)  # with a spring
         self.control: Control | None = None
         if scene.control is not None:
             from robodyn_cli.equations.control.control import Control
