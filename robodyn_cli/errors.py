@@ -160,8 +160,11 @@ def plural_of(word: str) -> str:
 
 
 def did_you_mean(word: str, options: Iterable[str]) -> str:
-    """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
-    near = nearest_word(word, options)
+    """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text; of keys with a part too
+    many the one without."""
+    options = list(options)
+    near = max((x for x in options if word.startswith(f"{x}.")), key=len, default=None)
+    near = near if near is not None else nearest_word(word, options)
     return f" (did you mean {near!r}?)" if near is not None else ""
 
 

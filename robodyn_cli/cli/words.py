@@ -178,11 +178,10 @@ def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
         "equilibrium" in summary and summary.get("mobility", {}).get("redundant_rows", 0) > 0
     )
     if dependent or multipliers.get("unique") is False:
-        loops = sorted({loop for group in multipliers.get("dependent", ()) for loop in group["loops"]})
-        where = f" of {', '.join(loops)}" if loops else ""
+        rows = summary.get("assembly", {}).get("redundant_rows", ())
+        which = f"redundant rows {', '.join(rows)}" if rows else "rows depend on each other"
         lines.append(
-            f"  not unique         rows{where} depend on each other: multipliers, and reactions that follow from them, "
-            "are those of least norm"
+            f"  not unique         {which}: multipliers, and reactions that follow from them, are those of least norm"
         )
     return lines
 

@@ -111,6 +111,7 @@ class MechanismParts(Protocol):
     v: Any
     dependent: Any
     latches: Any
+    is_variant: bool
 
     @property
     def X(self) -> Any: ...

@@ -148,7 +148,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
 
     Raises
     ------
-    CapabilityError : a latch cannot hold what it is to hold.
+    CapabilityError : a latch cannot hold what it is to hold. In a variant of the scene's equations it is left out.
     """
     from robodyn_cli.equations.contact_joints import FIELDS as OF_CONTACT
 
@@ -162,6 +162,12 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
             model.graph.symbol(f"{spec.name}.{name}", PARAMETER_GROUP, place + i)
             for i, name in enumerate(FIELDS)
         )
+        try:
+            held = _held(problem, spec)
+        except CapabilityError:
+            if problem.is_variant:
+                continue
+            raise
         opens = None if spec.release is None else spec.release.evaluate(problem.environment)
         rows.append(
             LatchRow(
@@ -172,7 +178,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
                 direction,
                 rest,
                 near,
-                *_held(problem, spec),
+                *held,
                 *_closes(problem, spec),
                 opens,
             )

@@ -49,10 +49,11 @@ class Problem:
     ----------
     scene : the checked scene.
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
-    keep_rows : constraint rows to keep, by index; all by default.
-    dependent : rows that depend on each other in every pose (see ``independent_rows``).
+    keep_rows : constraint rows to keep, by index; by default all. dependent : rows that depend on each other always.
     braces : inertias along constraint rows, by name (see ``with_inertia`` of ``equations/constraints.py``).
     """
+
+    is_variant = False  # whether these are the equations with changes, to count operations
 
     def __init__(
         self,
@@ -73,12 +74,11 @@ class Problem:
         self.keep_rows, self.dependent = keep_rows, tuple(dependent)
         self.braces = braces or {}
         self.latches: tuple[LatchRow, ...] = ()  # those that events close and open
-        self.sprung: tuple[LatchRow, ...] = ()  # of these the ones with a spring
         if scene.latched:
             from robodyn_cli.equations.latches import latch_rows
 
             self.latches = latch_rows(self)
-            self.sprung = tuple(latch for latch in self.latches if not latch.rigid)
+        self.sprung = tuple(latch for latch in self.latches if not latch.rigid)  # with a spring
         self.control: Control | None = None
         if scene.control is not None:
             from robodyn_cli.equations.control.control import Control

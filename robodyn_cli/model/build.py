@@ -165,7 +165,7 @@ def build_model(
     changing = [payload for payload in payloads if payload.place is not None]
     bodies = _number(robot, moving, values)
     # in the order of their places, which is that of the YAML
-    joints = [(b.joint_name, b.joint) for b in sorted(bodies, key=lambda b: b.v)]
+    joints = [(b.joint_name, b.joint) for b in sorted(bodies, key=lambda b: b.v) if b.joint.nv]
     model = Model(
         name=scene.title or "scene",
         bodies=bodies,

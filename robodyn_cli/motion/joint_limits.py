@@ -28,6 +28,10 @@ class LimitFunction(EventFunction):
     joint: str = ""
     words: str = ""
 
+    @property
+    def of_position(self) -> bool:
+        return self.name.endswith((".lower", ".upper"))
+
 
 def _inside(x: Scalar, limit: Span, name: str, place: str) -> Scalar:
     """Return what is positive while x is within a limit, whose number stands at a place of the scene.
@@ -100,13 +104,13 @@ class LimitWatcher(Watcher):
         self.system = motion.system
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
-        """Note the limits that the start is beyond."""
+        """Note the limits that the start is beyond, by more than rounding of a position of 1 rad or m."""
         self.first = {}
         system = self.system
         given = system.groups([t], x, system.parameters_at(t, system.split(x)[0]))
         values = evaluate([f.value for f in self.limits], given)
         for function, value in zip(self.limits, values):
-            if value < 0.0:
+            if value < (-ROUNDING if function.of_position else 0.0):
                 self.first[function.name] = (function, t)
         return x
 

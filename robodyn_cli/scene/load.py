@@ -91,11 +91,13 @@ def _examined_text(text: str, path: str, overrides: Sequence[str] = ()) -> Exami
 
 
 def load_description(
-    path: str | os.PathLike[str], packages: MappingOf[str, str] | None = None
+    path: str | os.PathLike[str],
+    packages: MappingOf[str, str] | None = None,
+    overrides: Sequence[str] = (),
 ) -> tuple[Description, Scene]:
     """Return the robot of a file in another format, and a checked scene that holds nothing else.
 
-    packages : folders of packages of meshes, by name.
+    packages : folders of packages of meshes, by name. overrides : as of ``load_scene``, of the scene.
 
     Raises
     ------
@@ -117,11 +119,11 @@ def load_description(
         values = {"schema": scalar(place, 1), "gravity": gravity, "robot": robot}
         return mapping(place, [(scalar(place, key), value) for key, value in values.items()])
 
-    scene = _examine(open_root, name, ()).checked()
+    scene = _examine(open_root, name, overrides).checked()
     return found[0], scene
 
 
-def load_robot(path: str | os.PathLike[str]) -> Scene:
+def load_robot(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a file, or of a robot in another format one with gravity along -z, 9.81 m/s^2.
 
     Raises
@@ -130,8 +132,8 @@ def load_robot(path: str | os.PathLike[str]) -> Scene:
     """
     name = os.fspath(path)
     if not is_xml(read_text(name, None, "", name)):
-        return load_scene(path)
-    return dataclasses.replace(load_description(path)[1], gravity=(0.0, 0.0, -9.81))
+        return load_scene(path, overrides)
+    return load_description(path, overrides=("gravity=[0, 0, -9.81]", *overrides))[1]
 
 
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:

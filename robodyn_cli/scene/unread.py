@@ -49,6 +49,23 @@ OF_CLOSURES = {
     **dict.fromkeys(("parent_origin", "child_origin"), POSE),
     **dict.fromkeys(("parent_axis", "child_axis"), Children((), attributes=("xyz",))),
 }
+_VALUE = Children((), attributes=("value",))
+# of Drake, in URDF and SDF, where ``drake.refused`` looks at the children
+OF_DRAKE_ELEMENTS = {
+    "drake:mimic": Children((), attributes=("joint", "multiplier", "offset")),
+    **{f"drake:{tag}": _VALUE for tag in ("rotor_inertia", "gear_ratio", "screw_thread_pitch")},
+    **{
+        f"drake:{kind}_constraint{part}": known
+        for kind in ("ball", "distance", "weld")
+        for part, known in (
+            ("", Children(("parent", "child"), attributes=())),
+            *((f"_{body}", Children((), attributes=("name",))) for body in ("body_A", "body_B")),
+            *((f"_{point}", _VALUE) for point in ("p_AP", "p_BQ", "distance")),
+        )
+    },
+    "transmission": Children(("type", "joint", "actuator"), open=True, attributes=("name", "type")),
+    "actuator": Children((), open=True, attributes=("name",)),
+}
 
 
 def refuse_acting(root: XmlElement, faults: Faults) -> None:
@@ -84,10 +101,10 @@ def left_out(root: XmlElement, elements: Mapping[str, Children], faults: Faults)
         known = elements[owner.tag]
         left.update(_unread_attributes(owner, known, faults))
         for child in owner.children:
-            if child.tag in known.read:
+            if child.tag in known.read or drake.is_read(child, owner):
                 pending += [child] if child.tag in elements else []
             elif child.tag in known.left or ":" in child.tag or (known.open and not _slip(child.tag, known)):
-                left[child.tag] += 0 if drake.is_read(child, owner) else 1
+                left[child.tag] += 1
                 if known.open and ":" not in child.tag:
                     _refuse_misplaced(child, owner, faults)
             else:
@@ -98,14 +115,15 @@ def left_out(root: XmlElement, elements: Mapping[str, Children], faults: Faults)
 
 def _slip(tag: str, known: Children) -> bool:
     """Tell whether a tag is so near to one that is read, that it must be meant."""
-    return nearest_word(tag, known.read, 0.75) is not None
+    return nearest_word(tag, (*known.read, *known.left), 0.75) is not None
 
 
 def _problem(tag: str, known: Children) -> str:
     instead = dict(known.acting).get(tag)
     if instead is not None:
         return f"acts on the motion, and is not read; allowed: {instead}"
-    return f"is not known{did_you_mean(tag, known.read)}; read: {listed(known.read) or 'nothing'}"
+    hint = did_you_mean(tag, (*known.read, *known.left))
+    return f"is not known{hint}; read: {listed(known.read) or 'nothing'}"
 
 
 def _unread_attributes(element: XmlElement, known: Children, faults: Faults) -> list[str]:
@@ -114,15 +132,16 @@ def _unread_attributes(element: XmlElement, known: Children, faults: Faults) -> 
     if known.attributes is None:
         return []
     left = []
-    for name in element.attributes:
-        if name in known.attributes or ":" in name:
+    for name, text in element.attributes.items():
+        others = ":" in name and not name.startswith(drake.DRAKE)
+        if name in known.attributes or name == "xmlns" or others:
             continue
         slip, instead = did_you_mean(name, known.attributes), dict(known.acting).get(name)
-        acts = instead is not None and element.attributes[name].strip(" 0.")
-        if known.open and not slip and not acts:
+        acts = instead is not None and text.strip(" 0.")
+        if not acts and (instead is not None or (known.open and not slip)):
             left.append(f"{element.tag} {name}=...")
             continue
-        problem = f"is not known{slip}; read: {listed(known.attributes)}"
+        problem = f"is not known{slip}; read: {listed(known.attributes) or 'no attribute'}"
         if acts:
             problem = f"acts on the motion, and is not read; allowed: {instead}"
         with faults:
@@ -135,13 +154,18 @@ def _refuse_misplaced(element: XmlElement, owner: XmlElement, faults: Faults) ->
     pending = [(element, owner)]
     while pending:
         child, above = pending.pop()
+        pending += [(one, child) for one in child.children]
         word = child.tag.lower()
         # constraints of Gazebo are those of its contacts
         near = nearest_word(word, ("constraint", "coupling", "coupler"), 0.8) or word.endswith("_constraint")
-        if "mimic" in word or "loop" in word or (near and element.tag != "gazebo"):
+        if drake.acts(child) and element.tag != "transmission":  # one without a rotor
+            with faults:
+                raise child.error(
+                    f"<{child.tag}> in <{above.tag}> is not read; allowed: {drake.instead(child)} in the scene"
+                )
+        elif "mimic" in word or "loop" in word or (near and element.tag != "gazebo"):
             with faults:
                 raise child.error(
                     f"<{child.tag}> in <{above.tag}> is not read, and may act on the motion; allowed: "
                     f"{listed([f'<{tag}>' for tag in TIES])} in <robot>, or 'loops' and 'couplers' in the scene"
                 )
-        pending += [(one, child) for one in child.children]

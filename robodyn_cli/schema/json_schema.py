@@ -87,6 +87,12 @@ class _Maker:
                 "description": "Path of a file whose keys are taken over.",
             }
             if kinds.ATTACH in properties:
+                for name in ("joints", "links"):
+                    by_name = {"type": "object", "additionalProperties": {"type": "object"}}
+                    words = {
+                        "description": f"{properties[name]['description']} Or changes of the file's, by name."
+                    }
+                    properties[name] = {"anyOf": [properties[name], by_name]} | words
                 properties[kinds.PREFIX] = {
                     "type": "string",
                     "description": "Prefix of all names of the file.",

@@ -35,7 +35,6 @@ WORTH = 200_000  # operations in Python from which on reading code that works th
 ROUNDED = (
     1e-6  # the same, and the residual, for redundant rows that contradict each other by rounding in the data
 )
-FAR = 100.0  # times the joints' distances together: an end of a loop this far from its link is doubtful
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
 
@@ -76,9 +75,29 @@ class Conditions(Protocol):
         ...
 
 
+ODD = 100.0  # times the usual length, from which on a length seems to be in another unit
+
+
 def mechanism_size(model: Model) -> float:
     """Return a characteristic length of the mechanism [m]: the sum of the distances from joint to joint, or more."""
     return _size(len(model.bodies), [float(x) for x in _lengths(model)])
+
+
+def out_of_scale(model: Model) -> str:
+    """Return words about a length that is so much larger than the others, that its unit may be another one."""
+    places = {f"joint {body.joint_name!r}": [body.X_tree.r] for body in model.bodies}
+    places |= {f"loop {loop.name!r}": [loop.first.p, loop.second.p] for loop in model.loops}
+    lengths = {
+        name: max(math.hypot(*(0.0 if isinstance(x, Expr) else float(x) for x in r)) for r in own)
+        for name, own in places.items()
+    }
+    known = sorted(x for x in lengths.values() if x > 0.0)
+    name = max(lengths, key=lambda name: lengths[name], default="")
+    usual = known[(len(known) - 1) // 2] if known else math.inf
+    if not name or lengths[name] < ODD * usual:
+        return ""
+    far = f"{name} is {lengths[name]:.6g} m from its link's origin"
+    return f"; {far}, where others are {usual:.3g} m: are these metres?"
 
 
 def size_number(model: Model) -> float:
@@ -86,20 +105,6 @@ def size_number(model: Model) -> float:
     bodies = len(model.bodies)
     (size,) = derived(lambda lengths: [_size(bodies, lengths)], _lengths(model))
     return size
-
-
-def far_ends(model: Model) -> dict[str, tuple[float, float]]:
-    """Return how far an end of a loop is from its link [m], and that over the distances of all joints together, for
-    loops whose ends are so much farther that they may be in another unit."""
-    lengths = _lengths(model)[: 3 * len(model.bodies)]
-    joints = sum(math.hypot(*map(float, lengths[k : k + 3])) for k in range(0, len(lengths), 3))
-    ends = {loop.name: [loop.first.p, loop.second.p] for loop in model.loops}
-    far = {name: max(math.hypot(*map(_known, p)) for p in places) for name, places in ends.items()}
-    return {name: (x, x / joints) for name, x in far.items() if 0.0 < FAR * joints < x}
-
-
-def _known(x: Scalar) -> float:
-    return 0.0 if isinstance(x, Expr) else float(x)
 
 
 def _lengths(model: Model) -> list[float]:
@@ -164,7 +169,7 @@ class Numbers:
     def __init__(self, equations: ClosureEquations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
         self.q_names, self.couplers = equations.model.q_names, equations.model.couplers
-        self.manifold = Manifold(equations.model)
+        self.model, self.manifold = equations.model, Manifold(equations.model)
         self.nv = equations.model.nv
         self.parameters = list(parameters)
         self._eta = self.values_of([row.eta for row in self.rows])
@@ -172,7 +177,7 @@ class Numbers:
         self._psi = self.values_of([x for row in self.rows for x in row.psi])
         self._both = self.values_of([x for row in self.rows for x in (row.eta, *row.psi)])
         self._cosines = self.values_of([row.cosine for row in self.rows])
-        self.size, self.far_ends = mechanism_size(equations.model), far_ends(equations.model)
+        self.size = mechanism_size(equations.model)
         self.sizes = np.array([self.size if row.kind in ("force", "m") else 1.0 for row in self.rows])
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in equations.model.v_units])
 

@@ -220,7 +220,10 @@ def closed_loops(scene: Scene, watch: Stopwatch) -> Closed:
     RobodynError : see ``assemble``.
     """
     if not scene.loops and not scene.couplers:
-        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none", key="loops")
+        from robodyn_cli.scene.mjcf.compiled import HELD
+
+        held = "".join(f"; {note}" for note in scene.notes if HELD in note)
+        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none{held}", key="loops")
     with watch.stage("equations"):
         problem = Problem(at_rest(scene))
     with watch.stage("assemble"):

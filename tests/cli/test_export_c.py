@@ -190,7 +190,7 @@ def test_keys_and_options_that_are_refused(
     [
         ([], "either --to KIND with --out DIR, or --c DIR"),
         (["--to", "mjcf"], "either --to KIND"),
-        (["--to", "mjcf", "--out", "out", "--key", "gravity.1"], "--set and --key go with --c"),
+        (["--to", "mjcf", "--out", "out", "--key", "gravity.1"], "--key goes with --c"),
     ],
 )
 def test_one_form_is_asked_for(

@@ -97,6 +97,9 @@ def test_a_description_is_exported_as_it_is_read(tmp_path: Path) -> None:
     assert run(["export", str(urdf), "--to", "sdf", "--out", str(out)]) == 0
     assert run(["export", str(out / "leg.sdf"), "--to", "mjcf", "--out", str(out)]) == 0
     assert 'gravity="0.0 0.0 -9.81"' in (out / "leg.xml").read_text(encoding="utf-8")
+    changed = ["--set", "gravity=[0, 0, -1.62]"]
+    assert run(["export", str(urdf), "--to", "mjcf", "--out", str(out / "moon"), *changed]) == 0
+    assert 'gravity="0.0 0.0 -1.62"' in (out / "moon" / "leg.xml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("kind", "file"), [("urdf+", "leg.urdf"), ("extended-urdf", "leg.urdf"), ("mjcf", "leg.xml"), ("sdf", "leg.sdf")])  # fmt: skip

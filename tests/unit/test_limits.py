@@ -46,6 +46,7 @@ PUSHED = 'torques: {x: "4*t"}\ninitial: {q: {x: 0}}\nsimulate: {duration: 2, sam
         ("{effort: 5}", "passes its effort limit of 5 N", 1.25),
         ("{lower: 0.1}", "starts beyond its lower limit of 0.1 m", None),
         ("{upper: 3, speed: 5, effort: 9}", "", None),
+        ("{lower: 8.9e-15}", "", None),  # as files round zero
     ],
 )
 def test_a_simulation_says_when(limits: str, words: str, time: float | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import numpy as np
@@ -276,6 +277,54 @@ def test_links_on_fixed_joints_are_merged() -> None:
     assert saved(found, "links on fixed joints") > 0
     assert "1 fixed link merged" in found["mechanism"]
     assert found["operations"] < 10, "as for the pendulum alone"
+
+
+MOUNTED = """
+    schema: 1
+    gravity: [0, -9.81, 0]
+    robot:
+      joints:
+        - {name: mount, type: fixed, origin: {xyz: [0.1, 0, 0], rpy: [0, 0, 0.3]}}
+        - {name: plate, type: fixed, origin: {xyz: [0.2, 0, 0]}}
+        - {name: j1, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.1, 0, 0]}}
+        - {name: j2, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.5, 0, 0]}}
+      links:
+        - {name: foot, mass: 1}
+        - {name: shelf, mass: 1}
+        - {name: upper, mass: 2, com: [0.2, 0, 0], inertia: {zz: 0.1}}
+        - {name: lower, mass: 1, com: [0.2, 0, 0], inertia: {zz: 0.1}}
+    initial: {q: {j1: 0.1, j2: 0.2}}
+"""
+ON_JOINTS = {
+    "latch": "deploy: {until: end, latches: [{name: last, joint: j2, at: 0.5}]}\nsimulate: {duration: 1}",
+    "control": "simulate: {duration: 1}\ncontrol: {type: gravity}",
+    "prescribed": "prescribed: {j2: 0.2 + sin(t)}\nsimulate: {duration: 1}",
+    "torques": "torques: {j2: 0.1 - 0.2*qd.j2}\nsimulate: {duration: 1}",
+}
+
+
+@pytest.mark.parametrize("feature", ON_JOINTS)
+def test_links_that_are_fixed_first_shift_no_column(feature: str) -> None:
+    """Joints without a coordinate have no column, in the model that keeps their links apart too."""
+    scene = load_scene_text(dedent(MOUNTED) + ON_JOINTS[feature])
+    merged, apart = (build_model(scene, merge=merge) for merge in (True, False))
+    for names in ("joint_names", "q_names", "v_names", "q_units", "v_units"):
+        assert getattr(merged, names) == getattr(apart, names)
+    found = plan(scene, "deploy" if feature == "latch" else "simulate")
+    assert entry(found, "left_out", "links on fixed joints")["operations_saved"] >= 0
+
+
+@pytest.mark.parametrize("hold", ["rigid", "{stiffness: 30, damping: 0.2}"])
+def test_latches_between_links_that_a_loop_joins(hold: str) -> None:
+    """The equations without a loop, and those of a serial chain, have no latch across it."""
+    scene = load_scene(
+        CONFIGS / "mechanisms/four_bar_locked.yaml",
+        [
+            "deploy.latch=null",
+            f"deploy={{until: end, latches: [{{name: l, between: [coupler, follower], when: t - 1, hold: {hold}}}]}}",
+        ],
+    )
+    assert kept(plan(scene, "deploy"), "loop pin with multipliers") > 0
 
 
 def test_spatial_arm() -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from robodyn_cli import load_scene, load_scene_text, simulate
+from robodyn_cli.cli.words import multiplier_lines
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import GeometryError
+from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.motion.contact.checks import check_freedom
 from robodyn_cli.over.stability.stability import eigenvalues
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
@@ -63,6 +66,23 @@ def test_redundant_rows_of_a_bennett_linkage_are_named() -> None:
     multipliers = found.summary["multipliers"]
     assert multipliers["unique"] is False and multipliers["choice"] == "least norm"
     assert multipliers["dependent"] == [{"loops": ["last"], "rows": [*every], "rank": 2}]
+    told = " ".join(multiplier_lines(found.summary))
+    assert f"redundant rows {', '.join(redundant)}: multipliers" in told, (
+        "these, and no row that they follow from"
+    )
+
+
+def test_freedoms_left_by_loops_do_not_count_rounding_in_the_data() -> None:
+    """Two rows that differ by 3e-8, as of a file with few digits, leave the freedom that one of them leaves."""
+    psi = np.array([[1.0, 0.0, 0.0], [1.0, 3e-8, 0.0]])
+    joints = [SimpleNamespace(name=f"j{v}", v=v, friction=True) for v in (1, 2)]
+    check_freedom(joints, psi, 1e-6)
+    with pytest.raises(CapabilityError, match="j1, j2: with 1 degrees of freedom"):
+        check_freedom(joints, psi, 1e-10)
+    held = [SimpleNamespace(name="j0", v=0, friction=True)]
+    with pytest.raises(CapabilityError, match="j0: with 2 degrees of freedom"):
+        check_freedom(held, psi, 1e-6)
+    check_freedom(joints, np.zeros((0, 3)), 1e-7)
 
 
 def test_a_bennett_linkage_satisfies_the_rows_left_out() -> None:

@@ -227,6 +227,33 @@ def test_points_beside_include_replace_those_of_their_name(tmp_path: Path) -> No
     assert list(scene.robot.frames) == ["hand"]
 
 
+CHAIN = ROBOT.replace(
+    "links:", "  - {name: j2, type: revolute, a: 1, alpha: 0, d: 0}\nlinks:\n  - {name: l0}"
+)
+
+
+def test_joints_and_links_beside_include_change_by_name(tmp_path: Path) -> None:
+    """A map changes the keys of those that it names; a list stands in the place of the file's."""
+    scene = included(tmp_path, "{include: parts/robot.yaml, joints: {j1: {a: 2}}, links: {l1: {mass: 3}}}")
+    assert scene.robot.joints[0].a == 2.0 and scene.robot.joints[0].type == "revolute"
+    assert scene.robot.links[0].mass == 3.0
+
+
+@pytest.mark.parametrize(
+    "own, words",
+    [
+        ("joints: {k: {a: 2}}", "robot.joints: unknown joint 'k'; allowed: j1, j2"),
+        ("links: {l1: 2}", "robot.links.l1: must be a map of the keys that change"),
+        ("joints: [{name: j, type: fixed}]", "robot.joints: this list stands in the place of the joints of .*robot.yaml"),
+    ],
+)  # fmt: skip
+def test_bad_changes_beside_include(tmp_path: Path, own: str, words: str) -> None:
+    scene = SCENE.replace("parts/robot.yaml", f"{{include: parts/robot.yaml, {own}}}")
+    path = write(tmp_path, scene_yaml=scene, parts__robot_yaml=CHAIN)
+    with pytest.raises(SceneError, match=f"scene.yaml:3:.*{words}"):
+        load_scene(path)
+
+
 def test_include_is_refused_where_no_file_may_stand(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="unknown key 'include'"):
         load_scene(

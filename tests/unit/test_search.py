@@ -228,6 +228,13 @@ def test_a_bound_that_holds_has_its_price() -> None:
     assert "bounds and constraints decide" in result.summary["proof"]["text"]
 
 
+def test_a_goal_that_a_key_does_not_change_is_told_so() -> None:
+    """A beam that turns about z does not know how far along z its mass is."""
+    text, key = ARM.replace("com: [0.5, 0, 0]", "com: [0.5, 0, 0.2]"), "robot.links.beam.com.2"
+    result, *_ = searched(arm(text), vary={key: "uniform(0.1, 1)"}, minimise="peak_torque.arm")
+    assert result.summary["proof"]["text"].startswith(f"the output does not depend on {key}")
+
+
 def test_a_constraint_that_binds_has_its_price_and_holds() -> None:
     result, ended, _ = searched(
         arm(),

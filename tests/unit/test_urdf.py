@@ -248,7 +248,7 @@ BOMB = """\
         ('value="1.5"', 'value="nan"', 6, "link 'upper': value of <mass> is 'nan'; allowed: a finite number"),
         ('value="1.5"', 'value="2,5"', 6, "is '2,5'"),
         ('value="1.5"', 'value="1e999"', 6, "is '1e999'"),
-        ('izz="0.1"', "", 6, "izz of <inertia> is nothing"),
+        ('izz="0.1"', "", 6, "izz of <inertia> is missing"),
         ('xyz="0.2 0 0"', 'xyz="0.2 0"', 6, "3 finite numbers"),
         (INERTIA, "", 6, "needs <mass value=...> and <inertia"),
         (MASS, MASS + MASS, 6, "second <inertial>"),

@@ -90,13 +90,13 @@ def describe(summary: Mapping[str, Any]) -> str:
     branches = summary.get("branches")
     if branches:
         names = list(branches[0]["configuration"])
-        head = ["branch", *names, "orientation", "singular ratio"]
-        listed = [head]
+        signed = any(branch["orientation"] is not None for branch in branches)
+        listed = [["branch", *names, *(["orientation"] if signed else []), "singular ratio"]]
         for k, branch in enumerate(branches, start=1):
             sign = {1: "+", -1: "-", 0: "0"}.get(branch["orientation"], "?")
             chosen = f"{k} (chosen)" if branch["chosen"] else str(k)
             q = [number(x, 8) for x in branch["configuration"].values()]
-            listed.append([chosen, *q, sign, number(branch["singular_ratio"], 3)])
+            listed.append([chosen, *q, *([sign] if signed else []), number(branch["singular_ratio"], 3)])
         lines.append(table(listed))
         search = summary["branch_search"]
         lines.append(

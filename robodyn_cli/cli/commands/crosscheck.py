@@ -83,7 +83,10 @@ def command(
     if own:
         return _own_settings(loaded, scene, engine, step, shared)
     with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides, command):
-        report = crosscheck(loaded, engine, command)
+        try:
+            report = crosscheck(loaded, engine, command, console.progress)
+        finally:
+            console.clear()
     console.data(jsonable(as_keys(report)))
     console.say(describe(report))
     return 0 if report.agrees else FAILED

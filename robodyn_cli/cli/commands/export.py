@@ -70,10 +70,10 @@ def command(
     with console.waiting(lambda: "exporting"):
         if c is not None and to is None and out is None:
             directory, (files, notes) = c, _functions(source, c, overrides or (), keys or ())
-        elif c is None and to is not None and out is not None and not (overrides or keys):
-            directory, (files, notes) = out, _files(source, to, out)
+        elif c is None and to is not None and out is not None and not keys:
+            directory, (files, notes) = out, _files(source, to, out, overrides or ())
         else:
-            raise _refusal(overrides or keys)
+            raise _refusal(keys)
     for text in notes:
         console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
@@ -85,7 +85,7 @@ def _refusal(of_functions: list[str] | None) -> Exception:
     """Return the error of options that do not go together."""
     from robodyn_cli.errors import CapabilityError
 
-    beside = "--set and --key go with --c; " if of_functions else ""
+    beside = "--key goes with --c; " if of_functions else ""
     return CapabilityError(f"{beside}allowed: either --to KIND with --out DIR, or --c DIR")
 
 
@@ -118,7 +118,7 @@ def _is_stored(source: Path) -> bool:
     return source.is_dir() or source.suffix == ".h5"
 
 
-def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
+def _files(source: Path, to: str, out: Path, overrides: Sequence[str]) -> tuple[list[Path], list[str]]:
     """Write the files of a result or a scene, as the source is one; return them, and what there is to say.
 
     Raises
@@ -133,6 +133,8 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
         raise CapabilityError(
             f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"
         )
+    if overrides and stored:
+        raise CapabilityError(f"{source} is a result, in which --set changes nothing; allowed: of scenes")
     if to == "mcap":
         from robodyn_cli.over.batch.stored import read_stored
         from robodyn_cli.over.export.mcap import export_mcap
@@ -146,4 +148,4 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
     from robodyn_cli.over.export.scene import export_robot
     from robodyn_cli.scene.load import load_robot
 
-    return export_robot(load_robot(source), to, out)
+    return export_robot(load_robot(source, overrides), to, out)

@@ -99,6 +99,10 @@ def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> 
             "where constant torques hold it"
         )
     balance = len(state) < len(at)
+    if "hold" in state:
+        raise SceneError(
+            f"--at 'hold' is no state; allowed: --hold, states as q=[0.1, 0.2], or --at {BALANCE}"
+        )
     chosen = [
         name for name, given in (("--at balance", balance), ("--hold", hold), ("--along", along)) if given
     ]

@@ -15,24 +15,26 @@ MISSED = 1e-6  # what has gone past an event by this part of its scale was misse
 
 
 def check_freedom(joints: Sequence[ContactJoint], psi: Array, tolerance: float) -> None:
-    """Refuse more joints that could stick than the mechanism has degrees of freedom; psi : (m, nv).
+    """Refuse more joints that could stick than the mechanism has degrees of freedom.
 
-    tolerance : ratio of singular values below which rows depend on each other.
+    psi : (m, nv). tolerance : ratio of its singular values below which rows depend on each other.
 
     Raises
     ------
     CapabilityError : their forces at rest would not be unique.
     """
     sticking = [joint for joint in joints if joint.friction is not None]
-    units = np.zeros((len(sticking), psi.shape[1]))
-    units[np.arange(len(sticking)), [joint.v for joint in sticking]] = 1.0
-    independent = rank(psi, tolerance) if len(psi) else 0
-    held = rank(np.concatenate([psi, units]), tolerance) - independent if sticking else 0
+    rank_of_psi = rank(psi, tolerance) if psi.size else 0
+    motions = np.linalg.svd(psi)[2][rank_of_psi:] if psi.size else np.eye(psi.shape[1])
+    held = (
+        int(np.linalg.matrix_rank(motions[:, [joint.v for joint in sticking]], tol=tolerance))
+        if sticking
+        else 0
+    )
     if held < len(sticking):
         names = ", ".join(joint.name for joint in sticking)
-        free = psi.shape[1] - independent
         raise CapabilityError(
-            f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
+            f"friction with 'law: set_valued' in {names}: with {len(motions)} degrees of freedom left by loops and "
             "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "
             "prescribed, or 'transition_speed' in the others",
             joint=sticking[-1].name,

@@ -67,7 +67,10 @@ class ContactStates(Watcher):
         self.functions = contact_functions(problem, self)
 
     def follow(self, motion: Motion) -> None:
-        self.system = motion.system
+        """Make what is evaluated at events; see ``check_freedom`` for what is refused before anything is compiled."""
+        self.system, q = motion.system, motion.assembled.q
+        psi = self.problem.numbers(self.problem.psi, q).reshape(-1, self.problem.model.nv)
+        check_freedom(self.joints, psi, rank_tolerance(self.problem, q))
         self._rates = SampleKernel(
             {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, STATE_GROUPS
         )
@@ -128,14 +131,11 @@ class ContactStates(Watcher):
 
         Raises
         ------
-        SceneError : a joint is beyond a stop. CapabilityError : more joints could stick than the mechanism has
-        degrees of freedom, so that their forces would not be unique.
+        SceneError : a joint is beyond a stop.
         """
         x = x.copy()
         self._clear()
         self.options = options
-        tolerance = rank_tolerance(self.problem, x[: self.problem.model.nq], t)
-        check_freedom(self.joints, self._mass_matrix_and_psi(t, x)[1], tolerance)
         self._settle_speeds(x)
         for k, joint in enumerate(self.joints):
             place = self._q(joint)

@@ -16,22 +16,26 @@ from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
+from robodyn_cli.tools.progress import no_progress
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 
 ENGINES = ("pinocchio", "mujoco")
 MARGIN = 10.0  # times the two errors together by which answers may differ
 FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
+Progress = Callable[[float, float], None]
 RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
 
 
-def crosscheck(scene: Scene, engine: str, command: str | None = None) -> CrosscheckReport:
+def crosscheck(
+    scene: Scene, engine: str, command: str | None = None, progress: Progress = no_progress
+) -> CrosscheckReport:
     """Run a scene here and in another engine, and compare.
 
     Parameters
     ----------
     engine : ``pinocchio`` or ``mujoco``. command : ``inverse`` or ``simulate``; by default the scene's, or what it
-    gives the data for.
+    gives the data for. progress : is told the time that the engine's motion has reached, and the last one.
 
     Raises
     ------
@@ -42,7 +46,7 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
     moves, compare = COMPARED[command]
     translated = translate(scene, moves)
     other = _engine(engine)(translated.model)
-    compared = compare(translated, other)
+    compared = compare(translated, other, progress)
     return CrosscheckReport(
         status="ok" if all(one.agrees for one in compared) else "differs",
         title=scene.title or "scene",
@@ -100,7 +104,7 @@ def _engine(name: str) -> Callable[[Any], PeerEngine]:
     return InMujoco
 
 
-def _torques(translated: Translation, other: PeerEngine) -> list[ComparedQuantity]:
+def _torques(translated: Translation, other: PeerEngine, progress: Progress) -> list[ComparedQuantity]:
     """Compare the torques along the scene's trajectory.
 
     The engine's error is M (FD(ID(a)) - a): what its own two algorithms differ by.
@@ -124,7 +128,7 @@ def _torques(translated: Translation, other: PeerEngine) -> list[ComparedQuantit
     return [_compare("tau", names, (result["tau"], theirs), t, (float(own), apart))]
 
 
-def _motion(translated: Translation, other: PeerEngine) -> list[ComparedQuantity]:
+def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> list[ComparedQuantity]:
     """Compare the motion at the samples.
 
     The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
@@ -133,7 +137,7 @@ def _motion(translated: Translation, other: PeerEngine) -> list[ComparedQuantity
     scene = translated.scene
     result = simulate(scene)
     ours, t = np.column_stack([result["q"], result["qd"]]), result["time"].ravel()
-    fine, coarse = (_integrated(translated, other, t, ours[0], rtol) for rtol in RTOL)
+    fine, coarse = (_integrated(translated, other, t, ours[0], rtol, progress) for rtol in RTOL)
     nq, estimate = translated.model.nq, result.summary["error_estimate"] or {}
     compared = []
     for quantity, columns, names in (
@@ -151,7 +155,9 @@ def _motion(translated: Translation, other: PeerEngine) -> list[ComparedQuantity
     return compared
 
 
-def _integrated(translated: Translation, other: PeerEngine, times: Array, start: Array, rtol: float) -> Array:
+def _integrated(
+    translated: Translation, other: PeerEngine, times: Array, start: Array, rtol: float, progress: Progress
+) -> Array:
     """Return states (T, nq + nv) at times (T,): q-dot = N(q) v, v-dot from the engine."""
     from scipy.integrate import solve_ivp
 
@@ -160,6 +166,7 @@ def _integrated(translated: Translation, other: PeerEngine, times: Array, start:
     handed = translated.evaluator(smooth=True)
 
     def rate(t: float, x: Array) -> Array:
+        progress(t, float(times[-1]))
         q, v = x[: model.nq], x[model.nq :]
         given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
         tau = translated.plain(q, v) + np.array(handed(given), dtype=float)
@@ -200,7 +207,7 @@ def _compare(
 
 
 # what is compared, and whether the engine integrates
-COMPARED: dict[str, tuple[bool, Callable[[Translation, PeerEngine], list[ComparedQuantity]]]] = {
+COMPARED: dict[str, tuple[bool, Callable[[Translation, PeerEngine, Progress], list[ComparedQuantity]]]] = {
     "inverse": (False, _torques),
     "simulate": (True, _motion),
 }

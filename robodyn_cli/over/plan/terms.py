@@ -169,8 +169,7 @@ def fixed_links(e: PlanEquations) -> Terms:
     """Links on fixed joints are merged into their parents; counted in h(q, qd) only."""
     names = [joint.name for joint in e.here.scene.robot.joints if joint.type == "fixed"]
     if names:
-        scene = dataclasses.replace(e.here.scene, control=None)  # whose joints such a model counts otherwise
-        apart = Problem(scene, model=build_model(scene, merge=False))
+        apart = Problem(e.here.scene, model=build_model(e.here.scene, merge=False))
         work = count_operations(list(apart.bias)) - count_operations(list(e.problem.bias))
         why = f"the links on {listed(names)} are merged into their carriers; counted: in h(q, qd)"
         yield Term("links on fixed joints", False, why, max(0, work))

@@ -102,6 +102,8 @@ class Variant:
 class VariantProblem(Problem):
     """The equations with a variant's changes; for the scene as it is, exactly those of ``Problem``."""
 
+    is_variant = True
+
     def __init__(self, variant: Variant) -> None:
         super().__init__(
             variant.scene, model=variant.model, dependent=variant.dependent, braces=variant.braces

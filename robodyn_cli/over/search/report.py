@@ -33,6 +33,7 @@ from robodyn_cli.summaries.search import (
     SearchSummary,
 )
 
+SAME_GOAL = 1e-12  # part of a goal, by which two are the same but for rounding
 SMALL = 1e-4  # of the size of a goal, over the way between bounds: a derivative that is left is small
 
 
@@ -261,8 +262,23 @@ def _proof(ended: EndedSearch, same: int) -> SearchProof:
     if len(bends):
         known |= {"second_order": float(bends.min()), "second_order_error": optimum.curved.H_error}
     text = f"{_first(optimum, error)}, {_second(optimum, bends)}"
+    if (
+        len(bends)
+        and optimum.left <= error
+        and np.abs(bends).max() <= optimum.curved.H_error
+        and _are_equal(ended)
+    ):
+        keys = [search.task.keys[k] for k in search.continuous]
+        text = f"the output does not depend on {', '.join(keys)}, as far as derivatives and all starts tell"
     best = f"that no other is better is not proved: {same} of {count} starts came here"
     return SearchProof(f"{text}; {best}", **{name: x for name, x in known.items() if math.isfinite(x)})
+
+
+def _are_equal(ended: EndedSearch) -> bool:
+    """Tell whether the goal is the same, but for rounding, wherever a start came to."""
+    output = ended.scaled.goal.outputs[0]
+    goals = np.array([way.best.y[output] for _, way in ended.ways], dtype=float)
+    return bool(np.ptp(goals) <= SAME_GOAL * np.abs(goals).max())
 
 
 def _first(optimum: Optimum, error: float) -> str:
@@ -281,8 +297,8 @@ def _second(optimum: Optimum, bends: Array) -> str:
         return "and all directions that are free are worse"
     return (
         "with a direction in which the goal is flat"
-        if bends.min() > -optimum.curved.H_error
-        else "but a direction is better"
+        if bends.min() >= -optimum.curved.H_error
+        else "but second derivatives show a direction that is better"
     )
 
 

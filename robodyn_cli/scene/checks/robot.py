@@ -12,7 +12,7 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, BUILT_IN, spot_problem
 from robodyn_cli.scene.robot_types import DH, Joint, Orientation, Robot
-from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.scene.text.nodes import Path, nearest
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import describe
 
@@ -118,11 +118,23 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
     for path, name in zip(links, names):
         with check:
             if name not in moved:
+                _refuse_other_joints(check, path, name)
                 check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
     if len(check.found) > failures:
         return robot
     _check_tree(connected, check, joints)
     return dataclasses.replace(robot, joints=tuple(connected))
+
+
+def _refuse_other_joints(check: Check, path: Path, name: str) -> None:
+    """Refuse joints of a scene that stand in the place of those of the file with the link that none of them moves."""
+    joints, link = (nearest(check.root, one) for one in ((*ROBOT, "joints"), path))
+    if joints.source.name != link.source.name:
+        check.fail(
+            (*ROBOT, "joints"),
+            f"this list stands in the place of the joints of {link.source.name}, and none of its joints moves link "
+            f"{name!r}; allowed: all joints, or a map of changes by name, as in joints: {{NAME: {{type: floating}}}}",
+        )
 
 
 def _moved_link(joint: Joint, k: int, robot: Robot, names: Collection[str], check: Check, path: Path) -> str:

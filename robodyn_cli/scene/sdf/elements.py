@@ -10,7 +10,7 @@ from robodyn_cli.scene.sdf.frames import MODEL, WORLD, Scope, SdfFrame, SdfFrame
 from robodyn_cli.scene.sdf.given import SdfReading, flag, is_true, text_of
 from robodyn_cli.scene.sdf.joints import SdfJoint, SdfJoints
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.unread import SHAPES, Children, left_out
+from robodyn_cli.scene.unread import OF_DRAKE_ELEMENTS, SHAPES, Children, left_out
 from robodyn_cli.scene.urdf.closures import OF_DRAKE
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfPose, UrdfShape
 from robodyn_cli.scene.urdf.xml import XmlElement
@@ -25,40 +25,65 @@ _WORLD_LEFT = (
     "audio", "wind", "gravity", "magnetic_field", "atmosphere", "gui", "physics", "scene", "light", "actor", "plugin",
     "road", "spherical_coordinates",
 )  # fmt: skip
-_AXIS = Children(("xyz", "limit", "dynamics", "mimic", "use_parent_model_frame"), ("initial_position",))
+_AXIS = Children(
+    ("xyz", "limit", "dynamics", "mimic", "use_parent_model_frame"), ("initial_position",), attributes=()
+)
+_TEXTS = (
+    "mass", "static", "gravity", "kinematic", "linear", "angular", "parent", "child", "gearbox_ratio",
+    "gearbox_reference_body", "thread_pitch", "screw_thread_pitch", "must_be_loop_joint", "use_parent_model_frame",
+    "lower", "upper", "effort", "velocity", "damping", "friction", "spring_stiffness", "spring_reference",
+    "multiplier", "offset", "reference",
+)  # fmt: skip
+_INERTIA = {"xx": 1.0, "xy": 0.0, "xz": 0.0, "yy": 1.0, "yz": 0.0, "zz": 1.0}  # the format's defaults
+_MOMENTS = tuple(f"i{k}" for k in _INERTIA)
 _ELEMENTS = {
-    "sdf": Children(("model", "world"), ("light", "actor"), (("include", _WHOLE),)),
+    **OF_DRAKE_ELEMENTS,
+    **dict.fromkeys((*_TEXTS, *_MOMENTS), Children((), attributes=())),
+    "sdf": Children(("model", "world"), ("light", "actor"), (("include", _WHOLE),), attributes=("version",)),
     "world": Children(
         ("model", "joint", "frame"),
         _WORLD_LEFT,
         (("include", _WHOLE), ("population", "each model by itself"), ("state", "'initial' in the scene")),
+        attributes=("name",),
     ),
     "model": Children(
         ("model", "link", "joint", "frame", "pose", "static"),
         ("self_collide", "allow_auto_disable", "enable_wind", "plugin", "gripper"),
         (("include", _WHOLE), ("model_state", "'initial' in the scene")),
+        attributes=("name", "canonical_link", "placement_frame"),
     ),
-    "link": Children(("pose", "inertial", *SHAPES, "gravity", "kinematic", "velocity_decay"), _LINK_LEFT),
+    "link": Children(
+        ("pose", "inertial", *SHAPES, "gravity", "kinematic", "velocity_decay"), _LINK_LEFT, attributes=("name",)
+    ),
+    "velocity_decay": Children(("linear", "angular"), attributes=()),
     "inertial": Children(
         ("pose", "mass", "inertia"),
         ("density", "auto_inertia_params"),
         (("fluid_added_mass", "the mass and the inertia of the body alone"),),
+        attributes=("auto",),
     ),
+    "inertia": Children(_MOMENTS, attributes=()),
     "joint": Children(
         (
             "parent", "child", "pose", "axis", "axis2", "gearbox_ratio", "gearbox_reference_body", "thread_pitch",
             "screw_thread_pitch", "physics",
         ),
         ("sensor", "plugin"),
+        attributes=("name", "type"),
     ),
+    "physics": Children(("simbody",), ("ode", "provide_feedback"), attributes=()),
+    "simbody": Children(("must_be_loop_joint",), attributes=()),
     "axis": _AXIS,
     "axis2": _AXIS,
-    "limit": Children(("lower", "upper", "effort", "velocity"), ("stiffness", "dissipation")),
-    "dynamics": Children(("damping", "friction", "spring_stiffness", "spring_reference")),
-    "mimic": Children(("multiplier", "offset", "reference")),
-    "frame": Children(("pose",)),
+    "xyz": Children((), attributes=("expressed_in",)),
+    "limit": Children(("lower", "upper", "effort", "velocity"), ("stiffness", "dissipation"), attributes=()),
+    "dynamics": Children(("damping", "friction", "spring_stiffness", "spring_reference"), attributes=()),
+    "mimic": Children(("multiplier", "offset", "reference"), attributes=("joint", "axis")),
+    "frame": Children(("pose",), attributes=("name", "attached_to")),
+    "pose": Children(
+        (), acting=(("frame", "relative_to"),), attributes=("relative_to", "rotation_format", "degrees")
+    ),
 }  # fmt: skip
-_INERTIA = {"xx": 1.0, "xy": 0.0, "xz": 0.0, "yy": 1.0, "yz": 0.0, "zz": 1.0}  # the format's defaults
 
 
 @record
@@ -73,6 +98,13 @@ class SdfLink:
     weightless: bool
     visual: tuple[tuple[UrdfShape, SdfFrame], ...]
     collision: tuple[tuple[UrdfShape, SdfFrame], ...]
+
+    @property
+    def assumed(self) -> bool:
+        """Whether its mass or one of its moments of inertia is the format's default."""
+        given = self.inertial.element
+        tags = {child.tag for part in (given, *given.all("inertia")) for child in part.children}
+        return given is self.element or not tags.issuperset(("mass", "ixx", "iyy", "izz"))
 
 
 @record

@@ -38,8 +38,6 @@ class SdfReading:
         pose = element.one("pose", owner)
         if pose is None:
             return UrdfPose(), ""
-        if pose.attributes.get("frame", "").strip():
-            raise pose.error(f"{owner}: the attribute 'frame' of <pose> was never read; allowed: relative_to")
         relative = self.reference(pose, "relative_to", scope)
         turned = pose.attributes.get("rotation_format", "euler_rpy").strip()
         if turned not in ("euler_rpy", "quat_xyzw"):

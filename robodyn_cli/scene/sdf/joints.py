@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from robodyn_cli.errors import unknown_name
+from robodyn_cli.errors import listed, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.sdf.frames import WORLD, Scope, SdfFrame, SdfFrames
 from robodyn_cli.scene.sdf.given import FRAMES_SINCE, SdfReading, flag, text_of
@@ -16,7 +16,15 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 SINGLE = ("revolute", "continuous", "prismatic", "screw")
 CROSS = ("universal", "revolute2")
 JOINT_TYPES = (*SINGLE, *CROSS, "ball", "fixed", "gearbox")
+_ONLY_OF = {
+    "axis2": (*CROSS, "gearbox", "ball", "fixed"),  # of the last two both axes say nothing
+    **dict.fromkeys(("gearbox_ratio", "gearbox_reference_body"), ("gearbox",)),
+    **dict.fromkeys(("thread_pitch", "screw_thread_pitch", f"{DRAKE}screw_thread_pitch"), ("screw",)),
+}
 _AXES = {**dict.fromkeys(SINGLE, 1), **dict.fromkeys((*CROSS, "gearbox"), 2)}
+
+
+_SAME = 1e-6  # of pitches that are written twice, relative
 
 
 @record
@@ -92,6 +100,11 @@ class SdfJoints:
         kind = element.text("type", owner)
         if kind not in JOINT_TYPES:
             raise element.error(f"{owner}: {unknown_name('type', kind, JOINT_TYPES)}")
+        for tag, kinds in _ONLY_OF.items():
+            if kind not in kinds and element.all(tag):
+                raise element.all(tag)[0].error(
+                    f"{owner} is {kind} and has no <{tag}>; allowed: in joints of type {listed(kinds)}"
+                )
         parent, child = (scope.whole(text_of(element, tag, owner)) for tag in ("parent", "child"))
         if child == WORLD:
             raise element.error(f"{owner}: the world cannot be its child; allowed: a link or frame")
@@ -203,18 +216,24 @@ def _must_close(element: XmlElement, owner: str) -> bool:
 
 def _pitch(element: XmlElement, owner: str) -> float:
     """Return the advance [m/rad] of a right-handed screw; the old ``thread_pitch`` is in rad/m, left-handed."""
-    new, drake, old = (
-        element.one(tag, owner)
-        for tag in ("screw_thread_pitch", f"{DRAKE}screw_thread_pitch", "thread_pitch")
-    )
-    new = new or drake
-    given = new or old
-    if given is None:
+    pitches: dict[str, float] = {}
+    for tag in ("screw_thread_pitch", f"{DRAKE}screw_thread_pitch", "thread_pitch"):
+        given = element.one(tag, owner)
+        if given is None:
+            continue
+        value = given.values(owner, 1)[0]
+        if value == 0.0:
+            raise given.error(f"{owner}: <{tag}> is 0; allowed: another number")
+        pitches[tag] = -1.0 / value if tag == "thread_pitch" else value / math.tau
+        first = next(iter(pitches))
+        if not math.isclose(pitches[tag], pitches[first], rel_tol=_SAME):
+            raise given.error(
+                f"{owner}: <{tag}> says {math.tau * pitches[tag]:.6g} m per turn, and <{first}> "
+                f"{math.tau * pitches[first]:.6g}; allowed: one of them"
+            )
+    if not pitches:
         raise element.error(f"{owner} is a screw and needs <screw_thread_pitch> [m per turn]")
-    value = given.values(owner, 1)[0]
-    if value == 0.0:
-        raise given.error(f"{owner}: <{given.tag}> is 0; allowed: another number")
-    return value / math.tau if new is not None else -1.0 / value
+    return next(iter(pitches.values()))
 
 
 def _limits(axis: XmlElement, owner: str) -> dict[str, float]:

@@ -73,11 +73,12 @@ def _notes(robot: SdfRobot, structure: SdfStructure) -> Iterator[str]:
 
 def _warnings(robot: SdfRobot, structure: SdfStructure) -> Iterator[str]:
     moving = structure.moving
-    bare = [
-        link.name for link in robot.links if link.inertial.element is link.element and link.name in moving
-    ]
-    if bare:
-        yield f"links without <inertial>, which SDF gives 1 kg and 1 kg m^2: {listed(bare)}"
+    assumed = [link.name for link in robot.links if link.assumed and link.name in moving]
+    if assumed:
+        yield (
+            "links whose mass or moments of inertia are not all written, which SDF gives 1 kg and 1 kg m^2: "
+            f"{listed(assumed)}"
+        )
     weightless = [
         link.name for link in robot.links if link.weightless and link.inertial.mass and link.name in moving
     ]

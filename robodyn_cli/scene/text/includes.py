@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from collections.abc import Mapping as MappingOf
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.errors import ResultFileError, SceneError, shown
+from robodyn_cli.errors import ResultFileError, SceneError, shown, unknown_name
 from robodyn_cli.registry import Registry
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.yaml_text import compose, read_text
@@ -155,6 +155,29 @@ def robot_of(tree: nodes.Node, path: nodes.Path) -> nodes.Node:
     return robot
 
 
+def with_changes(items: nodes.Sequence, changes: nodes.Mapping, path: nodes.Path) -> nodes.Sequence:
+    """Return a list in which items have other values of some keys, by the items' names. Raises
+    ------
+    SceneError : no item has such a name, or its changes are no map.
+    """
+    new = list(items.items)
+    names = [nodes.name_of(item) or "" for item in new]
+    for name, keys in changes.entries:
+        if name.text not in names:
+            kind = str(path[-1]).removesuffix("s")
+            raise nodes.located(name, nodes.dotted(path), unknown_name(kind, name.text, names))
+        k = names.index(name.text)
+        item = new[k]
+        if not isinstance(keys, nodes.Mapping) or not isinstance(item, nodes.Mapping):
+            raise nodes.located(
+                keys, nodes.dotted((*path, name.text)), "must be a map of the keys that change"
+            )
+        for key, value in keys.entries:
+            item = item.replaced(key, value)
+        new[k] = item
+    return nodes.sequence(changes, new)
+
+
 class Includer:
     """Includes files and remembers which; a value whose file cannot be included stays as it is.
 
@@ -250,7 +273,8 @@ class Includer:
     def with_own_keys(
         kind: kinds.OrFile, base: nodes.Mapping, node: nodes.Mapping, path: nodes.Path
     ) -> nodes.Mapping:
-        """Return an included map with the keys beside ``include``; points and frames of a robot are added."""
+        """Return an included map with the keys beside ``include``; points and frames of a robot are added, and a map of
+        joints or links by name changes these."""
         own = [(key, value) for key, value in node.entries if key.text != kinds.INCLUDE]
         if kind.robot and node.get(kinds.PREFIX) is not None:
             from robodyn_cli.scene.text.attach import prefix_of, with_prefix
@@ -263,6 +287,9 @@ class Includer:
                 for name, place in value.entries:  # loops of the file may join its points
                     theirs = theirs.replaced(name, place)
                 value = theirs
+            items = base.get(key.text) if kind.robot and key.text in ("joints", "links") else None
+            if isinstance(items, nodes.Sequence) and isinstance(value, nodes.Mapping):
+                value = with_changes(items, value, (*path, key.text))
             base = base.replaced(key, value)
         return base
 

@@ -104,8 +104,10 @@ def _loop_joint(element: XmlElement) -> Closure:
     name, owner = _owner(element)
     kind = _kind(element, owner, _OF_LOOP_JOINT)
     ends = []
-    if len(twice := element.all("link1")) == 2 and not element.all("link2"):  # as Isaac's manual has it
-        raise twice[1].error(f"{owner} has a second <link1>; allowed: one <link1> and one <link2>")
+    if len(twice := element.all("link1")) == 2 and not element.all("link2"):
+        raise twice[1].error(
+            f"{owner} has a second <link1> and no <link2>, as an example in Isaac Sim's manual; allowed: <link2> here"
+        )
     for tag in ("link1", "link2"):
         end = _child(element, tag, owner)
         zero = (0.0, 0.0, 0.0)

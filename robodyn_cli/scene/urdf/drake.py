@@ -9,7 +9,7 @@ motor, so no rotor.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import unknown_name
@@ -66,19 +66,34 @@ def refused(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
     read = IN_URDF if root.tag == "robot" else READ
     while pending:
         above, element = pending.pop()
-        tag, owner = element.tag.removeprefix(DRAKE), above.removeprefix(DRAKE)
-        names = read.get(above, read.get(owner, ()))
-        if tag == element.tag or {tag, tag.removeprefix(f"{owner}_")} & {*names}:
+        tag = element.tag.removeprefix(DRAKE)
+        if tag == element.tag or _is_in(read, element, above):
             pending += [(element.tag, child) for child in reversed(element.children)]
-        elif tag not in DRAWN:
-            yield element, _INSTEAD.get(tag, "'loops', 'couplers' or 'forces'")
+        elif acts(element):
+            yield element, instead(element)
+
+
+def acts(element: XmlElement) -> bool:
+    """Tell whether an element is one of Drake that acts on the motion."""
+    return element.tag.startswith(DRAKE) and element.tag.removeprefix(DRAKE) not in DRAWN
+
+
+def instead(element: XmlElement) -> str:
+    """Return what stands in a scene for an element of Drake."""
+    return _INSTEAD.get(element.tag.removeprefix(DRAKE), "'loops', 'couplers' or 'forces'")
+
+
+def _is_in(read: Mapping[str, tuple[str, ...]], element: XmlElement, above: str) -> bool:
+    """Tell whether an element of Drake is read in one with the tag ``above``."""
+    tag, owner = element.tag.removeprefix(DRAKE), above.removeprefix(DRAKE)
+    return bool({tag, tag.removeprefix(f"{owner}_")} & {*read.get(above, read.get(owner, ()))})
 
 
 def is_read(element: XmlElement, owner: XmlElement) -> bool:
     """Tell whether an element is read as Drake has it; a transmission, if there is a rotor in it."""
     if element.tag == "transmission":
         return any(actuator.all(f"{DRAKE}rotor_inertia") for actuator in element.all("actuator"))
-    return element.tag.startswith(DRAKE) and element.tag.removeprefix(DRAKE) in READ.get(owner.tag, ())
+    return element.tag.startswith(DRAKE) and _is_in(READ, element, owner.tag)
 
 
 def joint_kind(element: XmlElement, owner: str, kind: str, axis: tuple[float, ...]) -> dict[str, Any]:
@@ -93,6 +108,10 @@ def joint_kind(element: XmlElement, owner: str, kind: str, axis: tuple[float, ..
         values = dynamics.numbers("damping", owner, size) * (len(coordinates) // size)
         if min(values) < 0.0:
             raise dynamics.error(f"{owner}: damping is negative; allowed: numbers >= 0")
+    if dynamics is not None and dynamics.number("friction", owner, 0.0):
+        raise dynamics.error(
+            f"{owner}: friction of a {DRAKE}joint is not read; allowed: 'friction' of the joint in the scene"
+        )
     own: dict[str, Any] = {
         "type": ours,
         "axis": axis,

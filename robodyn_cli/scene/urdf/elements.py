@@ -15,7 +15,16 @@ from typing import Any
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.unread import OF_CLOSURES, POSE, SHAPES, TIES, Children, left_out, refuse_acting
+from robodyn_cli.scene.unread import (
+    OF_CLOSURES,
+    OF_DRAKE_ELEMENTS,
+    POSE,
+    SHAPES,
+    TIES,
+    Children,
+    left_out,
+    refuse_acting,
+)
 from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind
 from robodyn_cli.scene.urdf.xml import XmlElement
 
@@ -27,26 +36,29 @@ _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 # others are for pictures, contact, or programs of their own; ``loop`` and the like see ``closures.py``
 _SPRING = tuple((f"spring_{k}", "'spring' of the joint in the scene") for k in ("stiffness", "reference"))
 _LIMITS = ("lower", "upper", "effort", "velocity")
+ACCELERATION = f"{DRAKE}acceleration"
+_JOINT = Children(
+    ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+    open=True,
+    attributes=("name", "type", "independent"),
+)
 _ELEMENTS = {
-    "robot": Children(("link", "joint", *TIES), open=True),
+    "robot": Children(("link", "joint", *TIES), ("transmission",), open=True),
     "link": Children(("inertial", *SHAPES), open=True, attributes=("name",)),
     "inertial": Children(("origin", "mass", "inertia"), open=True, attributes=()),
     "mass": Children((), open=True, attributes=("value",)),
     "inertia": Children((), open=True, attributes=tuple(f"i{k}" for k in _INERTIA)),
-    "joint": Children(
-        ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
-        open=True,
-        attributes=("name", "type", "independent"),
-    ),
+    "joint": _JOINT,
+    f"{DRAKE}joint": _JOINT,
     "origin": POSE,
     "axis": Children((), open=True, attributes=("xyz",)),
-    "limit": Children((), open=True, attributes=_LIMITS),
+    "limit": Children((), open=True, attributes=(*_LIMITS, ACCELERATION)),
     "dynamics": Children((), acting=_SPRING, open=True, attributes=("damping", "friction")),
     "mimic": Children((), open=True, attributes=("joint", "multiplier", "offset")),
     **OF_CLOSURES,
+    **OF_DRAKE_ELEMENTS,
 }
 _VERSION = re.compile(r"1\.[0-9]+")
-ACCELERATION = f"{DRAKE}acceleration"
 
 
 @record

@@ -84,7 +84,7 @@ class XmlElement:
         if len(values) == size and all(math.isfinite(x) for x in values):
             return values
         wanted = "a finite number" if size == 1 else f"{size} finite numbers, separated by blanks"
-        given = "nothing" if text is None else shown(text.strip())
+        given = "missing" if text is None else shown(text.strip())
         hint = "; '${' is an expression of xacro, which must run first" if "${" in given else ""
         raise self.error(f"{label} is {given}; allowed: {wanted}{hint}")
 

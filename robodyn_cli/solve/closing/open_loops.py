@@ -9,7 +9,7 @@ import numpy as np
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.record import record
 from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
-from robodyn_cli.solve.closure import CLOSED, Numbers, newton
+from robodyn_cli.solve.closure import CLOSED, Numbers, newton, out_of_scale
 from robodyn_cli.solve.independent_rows import is_truss
 from robodyn_cli.spatial.algebra import Array
 
@@ -203,9 +203,5 @@ def _smallest_gap(aligned: Aligned, task: Closable, q: Array, least: float, star
             f"; the least that was found leaves {least:.5g} over all loops (root of the sum of squares of all rows, m "
             "and rad), which proves nothing about other poses"
         )
-    for name, (far, times) in numbers.far_ends.items():
-        text += (
-            f"; {name!r} ends {far:.6g} m from its link, {times:.3g} times as far as all joints together: is it "
-            "in m?"
-        )
+    text += out_of_scale(numbers.model)
     return GeometryError(text, loop=loop, gap=gap, angle=angle, **known)
