@@ -167,9 +167,11 @@ class LatchStates(ContactStates):
             if k in self.closings and not self.latches[k].rigid:
                 self._note_load(t, x, k)
 
-    def _note_load(self, t: float, x: Array, k: int) -> None:
+    def _note_load(self, t: float, x: Array, k: int, delta: float | None = None) -> None:
+        """Note the load of a compliant latch; delta : where it is known better than by the state."""
         it, s = self.closings[k], self._direction[k]
-        delta, rate = s * (self._position(k, x) - self._rest[k]), s * self._rate(k, x)
+        delta = s * (self._position(k, x) - self._rest[k]) if delta is None else delta
+        rate = s * self._rate(k, x)
         load = float(self.latches[k].law(delta, rate)) if delta >= 0.0 else 0.0
         if load > it.peak:
             it.peak, it.peak_time = load, t

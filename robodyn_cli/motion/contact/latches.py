@@ -340,6 +340,8 @@ class Latches(LatchStates):
         it.has_peaked |= change is LatchChange.LARGEST or not inwards
         if change is LatchChange.LARGEST:
             self._note_load(t, x, k)
+        elif change is LatchChange.MEETS and inwards:  # a damper bears at once; rounding may leave the spring short
+            self._note_load(t, x, k, 0.0)
         return Halt(x, self.p, {}, np.inf) if waited and self._is_met() else GO_ON
 
     # -- contact states -------------------------------------------------------------------------------
