@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -127,7 +128,8 @@ class LatchClosing:
     order : 1 for those that closed first, 0 for those that an earlier run has closed, of which nothing is told that was
     before this run. angle, speed : of what it holds, before it closed. lost : energy [J].
     impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
-    at a peak, so that this says something. past : largest load of earlier closings, with its time, where that is known.
+    at a peak, so that this says something. crest : load at its last peak. past : largest load of earlier closings, with
+    its time, where that is known.
     redundant : whether others held already what it holds. opened : when, if it has.
     """
 
@@ -140,6 +142,7 @@ class LatchClosing:
     peak: float = 0.0
     peak_time: float = 0.0
     has_peaked: bool = False
+    crest: float = math.inf
     past: tuple[float, float] | None = None
     rebounds: int = 0
     redundant: bool = False
@@ -185,14 +188,14 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         # one that is open in its position has to leave it first: rounding must not close it there
         leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
         add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
-        turning = where(latch.near * latch.near, 0.0, _rate(problem, latch, value))
+        turning = where(latch.near * latch.near, 0.0, closing_rate(problem, latch, value))
         add(k, LatchChange.TURNS, is_open * turning, 0)
         if way:
             add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
         if latch.opens is not None:
             add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:
-            add(k, LatchChange.LARGEST, latch.closed * _growth(problem, latch), -1)
+            add(k, LatchChange.LARGEST, latch.closed * (_growth(problem, latch) - latch.near), -1)
     for k, latch in enumerate(problem.latches):
         if latch.rigid:
             continue
@@ -203,7 +206,7 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
     return functions
 
 
-def _rate(problem: Problem, latch: LatchRow, value: Scalar) -> Any:
+def closing_rate(problem: Problem, latch: LatchRow, value: Scalar) -> Any:
     """Return the rate of what passes zero where a latch closes."""
     if latch.closing is not None:
         return problem.v[latch.closing]
