@@ -244,21 +244,24 @@ class Driver:
                 self._leap(outcome, stop, grid, seen)
             elif outcome.ends or stop >= end:  # the time may be that but for rounding
                 return
-            else:
-                self._answer_stop(stop)
+            elif self._answer_stop(stop):
+                return
 
-    def _answer_stop(self, stop: float) -> None:
-        """Ask the watchers that have one there how the run goes on."""
-        before = self.state, self.parameters
+    def _answer_stop(self, stop: float) -> bool:
+        """Ask the watchers that have one there how the run goes on; tell whether it ends."""
+        before, ends = (self.state, self.parameters), False
         for watcher in self.watchers:
             if stop in watcher.stops():
-                self.integrator.apply(watcher.at_stop(stop, self.state), watcher)
+                outcome = watcher.at_stop(stop, self.state)
+                self.integrator.apply(outcome, watcher)
+                ends |= outcome.ends
         self._meet(stop, *before)
+        return ends
 
     def _meet(self, time: float, state: Array, parameters: Array) -> None:
         """Note what was before the present state at a time, where that is asked for."""
         if self.met is not None:
-            self.met.append((time, state, parameters, self.state, self.parameters))
+            self.met.append(Met(time, state, parameters, self.state, self.parameters))
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""

@@ -102,16 +102,26 @@ class CloseSamples:
         final = values[-1]
         known: list[Cut] = []
         if self.met:
-            before = [(np.array([time]), x[None], p) for time, x, p, _, _ in self.met]
-            behind = [(np.array([time]), x[None], p) for time, _, _, x, p in self.met]
-            sides = (values_of(self.observer, columns, side) for side in (before, behind))
-            known = [(one[0], *pair) for one, *pair in zip(self.met, *sides)]
+            before = [(np.array([x.time]), x.before[None], x.parameters_before) for x in self.met]
+            behind = [(np.array([x.time]), x.behind[None], x.parameters_behind) for x in self.met]
+            sides = [values_of(self.observer, columns, side) for side in (before, behind)]
+            apart = np.array([*self.hidden, np.inf])
+            known = [
+                (one.time, *pair)
+                for one, *pair in zip(self.met, *sides)
+                if np.abs(apart - one.time).min() > ROUNDED * max(map(abs, self.ends))
+            ]
         if self.stopped:  # of a sample there it is not known of which side it is
-            final = known[-1][2]
+            final = sides[1][-1]
             inside = times < self.ends[1] - SLACK * max(map(abs, self.ends))
             times, values = times[inside], values[inside]
-        cuts = sorted([*known, *((time, None, None) for time in self.cuts)], key=lambda cut: cut[0])
+        cuts = sorted([*known, *((time, None, None) for time in self.hidden)], key=lambda cut: cut[0])
         return list(pieces(times, values, cuts, self.ends)), final
+
+    @cached_property
+    def hidden(self) -> list[float]:
+        """Times [s] of jumps of which no side is known: what depends on time, or on a state that does not jump."""
+        return [*self.cuts, *(one.time for one in self.met if one.hidden)]
 
     def moved(self, widths: Mapping[str, int]) -> Moved:
         """Return the motion of the joints, whose datasets have so many columns; both sides of jumps are samples."""
@@ -120,7 +130,7 @@ class CloseSamples:
         parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
         t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
         own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
-        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.cuts)))
+        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.hidden)))
 
 
 @record
@@ -286,7 +296,7 @@ class RecordedMotion:
             start()
             ended = driver.integrator.advance(run.end, every)
         begin, end = run.beginning.time, run.end
-        times = np.unique([begin, *ended, *(event[0] for event in driver.met), *self._cuts(run), end])
+        times = np.unique([begin, *ended, *(event.time for event in driver.met), *self._cuts(run), end])
         return Steps(times[(times >= begin) & (times <= end)], driver.counters.steps)
 
     @cached_property
@@ -329,7 +339,7 @@ class RecordedMotion:
         start()
         grid = Grid.between(knots, inside)
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
-        stopped = bool(met) and met[-1][0] == driver.time
+        stopped = bool(met) and met[-1].time == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end
         return CloseSamples(self.recorder.observer, blocks, met, self._cuts(run), ends, stopped, steps.count)
 

@@ -27,6 +27,7 @@ from robodyn_cli.integrators.runtime.memory import (
 from robodyn_cli.integrators.runtime.options import Grid, Options, stretches
 from robodyn_cli.integrators.runtime.sample_blocks import SampleBlocks
 from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
 
@@ -38,9 +39,22 @@ DEFAULTS = Options()
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
-# where a motion may have jumped: the time [s], states (nx,) and parameters before and behind
-Met = tuple[float, Array, Array, Array, Array]
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
+
+
+@record
+class Met:
+    """Where a motion may have jumped: time [s], states (nx,) and parameters before and behind.
+
+    hidden : what follows from the state may jump, and the state does not, so that it is not known of which side it is.
+    """
+
+    time: float
+    before: Array
+    parameters_before: Array
+    behind: Array
+    parameters_behind: Array
+    hidden: bool = False
 
 
 class Integrator:
@@ -272,7 +286,8 @@ class Integrator:
                 end = outcome
             self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
-                self.met.append((self.time, *before, self.state, self.p.copy()))
+                hidden = event.function.is_discontinuity
+                self.met.append(Met(self.time, *before, self.state, self.p.copy(), hidden))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

@@ -101,6 +101,7 @@ class LatchChange(enum.Enum):
     TURNS = "turn"  # of what closes it
     PASSES = "pass"  # its position or formula passes zero the other way
     LARGEST = "largest load"  # of a compliant one
+    RESTS = "load at rest"  # from an instant on; no event function tells
     MEETS = "contact"
     LETS_GO = "no load"
 

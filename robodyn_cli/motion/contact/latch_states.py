@@ -29,11 +29,12 @@ from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond the rest of its spring a latch closes, which bears there
+ALIKE = 1.0 + 1e-14  # times a load: another one up to it is no larger
 STILL = 1e-11  # rad/s and rad/s^2, or m: what rounding leaves of joints that rest on the spring of a latch
 FALLS = 1e-300  # of the growth of a load: one that is zero from some instant on has been largest there
 BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
 RESTARTED = 3.0  # times the errors of a motion, of figures at events
-SUMMED = 100.0  # times that, of a position that is a sum
+SUMMED = 10.0  # times that, of a position that is a sum
 
 
 class LatchStates(ContactStates):
@@ -77,6 +78,7 @@ class LatchStates(ContactStates):
         self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
         self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
         self._names = p.model.q_names
+        self._breaks = self.system.breakpoints if any(not x.rigid for x in self.latches) else ()
         # those that come near to closing by motion alone
         self._moved = [
             k
@@ -119,6 +121,7 @@ class LatchStates(ContactStates):
         self._brisk = 1e-300  # the largest acceleration at a closing so far
         self._just: int | None = None  # that has closed at this event
         self._falls: int | None = None  # whose load has grown again, and falls
+        self._asked = 0.0  # until when it has been asked about instants at which formulas of time change
         self._looked_at: tuple[float, bytes] | None = None
         self._known_place: tuple[float, bytes] | None = None
         self.turns: list[tuple[float, Array]] = []
@@ -190,7 +193,7 @@ class LatchStates(ContactStates):
     def _note_load(self, t: float, x: Array, k: int, enters: bool = False) -> None:
         """Note the load of a compliant latch; enters : its rest is passed here, but for rounding."""
         it, (load, delta) = self.closings[k], self._borne(k, x)
-        if load > it.peak and (delta >= 0.0 or enters):
+        if load > it.peak * ALIKE and (delta >= 0.0 or enters):
             it.peak, it.peak_time = load, t
 
     def _position(self, k: int, x: Array) -> float:
@@ -211,14 +214,20 @@ class LatchStates(ContactStates):
         """Return the growth of the load of a spring that rounding may leave."""
         return STILL * float(self.latches[k].law(1.0, 1.0))
 
+    def _growth(self, t: float, x: Array, k: int) -> float:
+        """Return the rate at which the load of a compliant latch grows."""
+        s, latch = self._direction[k], self.latches[k]
+        rate = s * self._rate(k, x)
+        if latch.spec.hold.damping == 0.0:
+            return float(latch.law(rate, 0.0))
+        return float(latch.law(rate, s * latch.rate(self.rates(t, x)[0])))
+
     def _see_peaks(self, t: float, x: Array) -> None:
         """See which loads of springs do not grow any more behind an event."""
         for k in self.closed:
             if self._has_peaked(k):
                 continue
-            s, latch = self._direction[k], self.latches[k]
-            growth = latch.law(s * self._rate(k, x), s * latch.rate(self.rates(t, x)[0]))
-            self.closings[k].has_peaked = self._stands or bool(growth <= self._least_growth(k))
+            self.closings[k].has_peaked = self._stands or self._growth(t, x, k) <= self._least_growth(k)
 
     def _has_peaked(self, k: int) -> bool:
         """Tell whether the load of a latch has come to its first peak, if it is one that grows."""

@@ -8,7 +8,7 @@ those that close at the same instant do so together, by impulses of least norm w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ class Latches(LatchStates):
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
         x = super().begin(t, x, options)
+        self._asked = t
         self._look(t, x)
         self._stay_open(x, range(len(self.latches)))
         given = [(k, self.given[name]) for k, name in enumerate(self.names) if name in self.given]
@@ -143,6 +144,19 @@ class Latches(LatchStates):
         if function.change is LatchChange.OPENS:
             return self._open(t, x, k)
         return self._bear(t, x, k, function.change)
+
+    def stops(self) -> Sequence[float]:
+        return [time for time in self._breaks if time > self._asked]
+
+    def at_stop(self, t: float, x: Array) -> Outcome:
+        """See which joints come to rest on springs, where a formula of time changes: no event tells."""
+        self._asked, outcome = t, GO_ON
+        for k in self.closed:
+            if not self.latches[k].rigid and abs(self._growth(t, x, k)) <= self._least_growth(k):
+                outcome = self._bear(t, x, k, LatchChange.RESTS)
+                if outcome.ends:
+                    break
+        return outcome
 
     def see(self, t: Array, x: Array) -> None:
         super().see(t, x)
@@ -340,18 +354,18 @@ class Latches(LatchStates):
         self._look(t, x)
         if change is LatchChange.LARGEST and self._near[k] > FALLS:
             return self._watch_growth(k, x, FALLS)  # it has grown again, and is largest where that is zero
-        inwards = self._direction[k] * self._rate(k, x) > 0.0
+        inwards, least = self._direction[k] * self._rate(k, x) > 0.0, self._least_growth(k)
         it.rebounds += change is LatchChange.MEETS and not inwards
-        it.has_peaked |= change is LatchChange.LARGEST or not inwards
-        if change is LatchChange.LARGEST or (change is LatchChange.MEETS and inwards):
+        it.has_peaked |= change in (LatchChange.LARGEST, LatchChange.RESTS) or not inwards
+        if change in (LatchChange.LARGEST, LatchChange.RESTS) or (change is LatchChange.MEETS and inwards):
             self._note_load(t, x, k, enters=change is LatchChange.MEETS)
         if waited and self._is_met():
             return Halt(x, self.p, {}, np.inf)
-        if change is not LatchChange.LARGEST:
+        if change not in (LatchChange.LARGEST, LatchChange.RESTS):
             return GO_ON
-        load, least = self._borne(k, x)[0], self._least_growth(k)
-        it.crest, same = load, abs(load - it.crest) <= least
-        return self._watch_growth(k, x, least) if same else GO_ON
+        load = self._borne(k, x)[0]
+        at_rest, it.crest = change is LatchChange.RESTS or abs(load - it.crest) <= least, load
+        return self._watch_growth(k, x, least) if at_rest else GO_ON
 
     def _watch_growth(self, k: int, x: Array, least: float) -> Outcome:
         """Go on with another growth below which a load is at rest: rounding must not make peaks of one."""

@@ -162,7 +162,8 @@ def _closings(motion: Motion, met: Sequence[Met]) -> list[Switch]:
     CapabilityError : several close together.
     """
     switches = []
-    for time, _, before, _, behind in met:
+    for one in met:
+        time, before, behind = one.time, one.parameters_before, one.parameters_behind
         closed = [row for row in motion.problem.latches if behind[row.place] != before[row.place]]
         if len(closed) > 1:
             raise CapabilityError("latches close together")
