@@ -8,7 +8,7 @@ about as much as from one to the next.
 from __future__ import annotations
 
 import collections
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 WINDOW = 9  # samples
-FEWER = (0, 1, 3, 4, 5, 7, 8)  # those of them through which the polynomial of less degree goes
+# those of them through which the polynomial of less degree goes, by how many there are
+FEWER = {9: [0, 1, 3, 4, 5, 7, 8], 8: [0, 1, 3, 4, 6, 7], 7: [0, 1, 3, 5, 6]}
 LOOKED = 33  # points of a window at which polynomials are evaluated first
 SLOPE = 64.0  # times a polynomial's largest value in [-1, 1]: its slope, with the degree squared (Markov)
 ROUNDING = 4e-15  # part of the values in a window that rounding leaves
@@ -42,7 +43,7 @@ class Windows:
     def of(parts: Iterable[Piece]) -> Windows:
         """Return the windows of functions in pieces, of which each has a sample at least."""
         alike = collections.defaultdict(list)
-        for part in parts:
+        for part in (own for part in parts for own in _by_steps(*part)):
             alike[len(part[0])].append(part)
         wide = [_windows(*map(np.array, zip(*own))) for own in alike.values()]
         return Windows(*(np.concatenate(arrays) for arrays in zip(*wide)))
@@ -112,6 +113,19 @@ class Peaks:
         return sign * most + 0.0, unsure, float(time[first]), float(away.max())
 
 
+def _by_steps(t: Array, y: Array, begin: float, end: float) -> Iterator[Piece]:
+    """Yield a piece with what reaches beyond its samples apart: there the first or the last one of a step is missing,
+    and steps beside a jump may be shorter than the next by orders."""
+    step = WINDOW - 1
+    if begin < t[0] and len(t) > WINDOW:
+        yield t[:step], y[:step], begin, float(t[step - 1])
+        t, y, begin = t[step - 1 :], y[step - 1 :], float(t[step - 1])
+    if end > t[-1] and len(t) > WINDOW:
+        yield t[-step:], y[-step:], float(t[-step]), end
+        t, y, end = t[: 1 - step], y[: 1 - step], float(t[-step])
+    yield t, y, begin, end
+
+
 def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
     """Return the arrays of windows for pieces of as many samples each, at times t (P, k), with values y (P, k, n)."""
     count, size = t.shape[1], min(WINDOW, t.shape[1])
@@ -124,7 +138,7 @@ def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
     x = (times - middle[:, None]) / half[:, None]
     powers = np.zeros((len(x), WINDOW, y.shape[2]))
     less = np.zeros_like(powers)
-    fewer = list(FEWER) if size == WINDOW else list(range(0, size, 2))
+    fewer = FEWER.get(size, list(range(0, size, 2)))
     powers[:, :size] = _powers(x, values)
     less[:, : len(fewer)] = _powers(x[:, fewer], values[:, fewer])
     if size == 1:  # nothing says where a function goes from there
