@@ -393,5 +393,9 @@ class ContactStates(Watcher):
         )  # fmt: skip
 
     def _note(self, t: float, kind: str, k: int, **details: Any) -> None:
+        """Note what happens to a joint; states that are found anew at one instant are told once."""
+        told = {"time": t, "name": self.joints[k].name, "kind": kind, **details}
+        if kind != "impact" and told in itertools.takewhile(lambda x: x["time"] == t, reversed(self._log)):
+            return
         self.counts[kind] += 1
-        self._log.append({"time": t, "name": self.joints[k].name, "kind": kind, **details})
+        self._log.append(told)
