@@ -194,3 +194,82 @@ def test_a_rigid_latch_that_ends_the_motion_ends_the_growth_of_a_load(held: str)
     assert abs(summary["termination"]["time"] - stops) <= summary["lock"]["time_error"] + 1e-10
     assert abs(own["peak_moment"] - peak) <= own["errors"]["peak_moment"] + ORACLE * peak
     assert abs(own["peak_time"] - when) <= own["errors"]["peak_time"] + 1e-7
+
+
+# -- what comes to rest on a spring -----------------------------------------------------------------------------
+STIFFNESS, DEPTH = 10.0, float(np.radians(10.0))
+
+
+def yoke(**more: Any) -> dict[str, Any]:
+    """Return a yoke that is led through 90 degrees in 4 s, where it rests, and a panel that swings on it."""
+    z = {"type": "revolute", "axis": AXIS}
+    joints = [
+        {"name": "yoke", **z, "parent": "base"},
+        {"name": "panel", **z, "origin": {"xyz": [0.6, 0, 0]}, "spring": {"stiffness": 0.8, "rest": 0.2}},
+    ]
+    links = [
+        {"name": "y", "mass": 2.0, "com": [0.3, 0, 0], "inertia": {"zz": 0.1}},
+        {"name": "p", "mass": 1.2, "com": [0.3, 0, 0], "inertia": {"zz": 0.05}},
+    ]
+    latch = {"name": "soft", "joint": "yoke", "at": "80 deg", "hold": {"stiffness": STIFFNESS}}
+    return {
+        "schema": 1, "gravity": [0, 0, 0], "robot": {"joints": joints, "links": links},
+        "prescribed": {"yoke": "if(t < 4, 90 deg*(t/4)^2*(3 - 2*t/4), 90 deg)"}, "initial": {"q": {"panel": -3.0}},
+        "simulate": {"duration": 7.0, "samples": 71}, "deploy": {"latches": [latch], "until": "end"}, **more,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("integrator", ["auto", "gauss", "dop853", "radau9"])
+@pytest.mark.parametrize("until", ["all", "end"])
+def test_load_of_a_joint_that_comes_to_rest_is_largest_there(until: str, integrator: str) -> None:
+    for samples in (8, 71, 1401):
+        tree = yoke(simulate={"duration": 7.0, "samples": samples, "integrator": integrator})
+        tree["deploy"]["until"] = until
+        summary = deploy(load_scene_text(yaml.safe_dump(tree))).summary
+        own = summary["locks"]["soft"]
+        assert abs(own["peak_moment"] - STIFFNESS * DEPTH) <= own["errors"]["peak_moment"] + 1e-14
+        assert own["peak_time"] == 4.0 and "warnings" not in summary
+        assert summary["termination"]["time"] == (4.0 if until == "all" else 7.0)
+
+
+def test_a_load_that_has_come_to_rest_may_grow_again() -> None:
+    motion = "if(t < 4, 90 deg*(t/4)^2*(3 - 2*t/4), if(t < 5, 90 deg, 90 deg + 3 deg*(1 - cos(2*(t - 5)))))"
+    summary = deploy(load_scene_text(yaml.safe_dump(yoke(prescribed={"yoke": motion})))).summary
+    own = summary["locks"]["soft"]
+    peak = STIFFNESS * (DEPTH + np.radians(6.0))
+    assert abs(own["peak_moment"] - peak) <= own["errors"]["peak_moment"] + 1e-13
+    assert abs(own["peak_time"] - (5.0 + 0.5 * np.pi)) <= own["errors"]["peak_time"] + 1e-11
+
+
+def test_a_joint_may_rest_before_its_latch() -> None:
+    tree = yoke()
+    tree["deploy"]["latches"][0]["at"] = "95 deg"
+    summary = deploy(load_scene_text(yaml.safe_dump(tree))).summary
+    assert abs(summary["missed"]["soft"]["nearest"] - np.radians(5.0)) <= 1e-13
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_a_stop_that_ends_the_motion_ends_the_growth_of_a_load(damping: float) -> None:
+    k, start, stop, inertia = 20.0, -1.3, 0.2, 0.5
+    limits = {"lower": -3.0, "upper": stop, "stop": {"restitution": 0}}
+    hinge = {"name": "h", "type": "revolute", "axis": AXIS, "spring": {"stiffness": k, "rest": 1.5}, "limits": limits}
+    latch = {"name": "soft", "joint": "h", "at": 0.0, "hold": {"stiffness": STIFFNESS, "damping": damping}}
+    tree = {
+        "schema": 1, "gravity": [0, 0, 0],
+        "robot": {"joints": [hinge], "links": [{"name": "p", "mass": 0, "inertia": {"zz": inertia}}]},
+        "initial": {"q": {"h": start}}, "simulate": {"duration": 5.0, "samples": 11},
+        "deploy": {"latches": [latch]},
+    }  # fmt: skip
+    summary = deploy(load_scene_text(yaml.safe_dump(tree))).summary
+    own = summary["locks"]["soft"]
+    met = lambda t, y: y[0] - stop  # noqa: E731
+    met.terminal = True  # type: ignore[attr-defined]
+    speed = np.sqrt(k / inertia * ((start - 1.5) ** 2 - 1.5**2))
+    run = solve_ivp(
+        lambda t, y: [y[1], (k * (1.5 - y[0]) - STIFFNESS * y[0] - damping * y[1]) / inertia], (0.0, 5.0), [0.0, speed],
+        rtol=1e-12, atol=1e-13, events=met,
+    )  # fmt: skip
+    peak = max(STIFFNESS * run.y[0] + damping * run.y[1])
+    assert abs(own["peak_moment"] - peak) <= own["errors"]["peak_moment"] + 1e-10
+    end = own["time"] + run.t[-1]
+    assert summary["termination"]["time"] == own["peak_time"] == pytest.approx(end, abs=1e-10)

@@ -30,6 +30,7 @@ class Transition(enum.Enum):
     BREAK_LOW = "break low"
 
 
+LEAST_RATE = 1e-13  # rad/s or m/s: what closes a latch and is slower is at rest, where rounding turns it for ever
 HELD = 0  # the state of a joint that is held; the others are the direction of motion, +1 or -1
 STOPS = {Transition.LOWER_STOP: 1.0, Transition.UPPER_STOP: -1.0}  # the direction in which the stop pushes
 
@@ -189,7 +190,8 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         # one that is open in its position has to leave it first: rounding must not close it there
         leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
         add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
-        turning = where(latch.near * latch.near, 0.0, closing_rate(problem, latch, value))
+        rate = closing_rate(problem, latch, value)
+        turning = where(latch.near * latch.near, 0.0, where(absolute(rate) - LEAST_RATE, rate, 0.0))
         add(k, LatchChange.TURNS, is_open * turning, 0)
         if way:
             add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
