@@ -7,8 +7,7 @@ the states on both sides. What a more accurate integration has otherwise is the 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from robodyn_cli.drives.report import Moved
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
-from robodyn_cli.integrators.runtime.integrator import Met
+from robodyn_cli.integrators.runtime.integrator import MetEvent
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
@@ -36,7 +35,7 @@ from robodyn_cli.observe.control import signals_of
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.solve.peaks import Peaks, Piece, Windows
+from robodyn_cli.solve.peaks import ROUNDED, Cut, Peaks, Piece, Windows, pieces
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
@@ -46,8 +45,6 @@ from robodyn_cli.summaries.motion import MotionErrors
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
-NEAR = 0.1  # of the way between samples: one that is so near to a state at an event says no more
-ROUNDED = 1e-14  # of a time
 
 
 class StepTimes:
@@ -89,7 +86,7 @@ class CloseSamples:
 
     observer: Observer
     blocks: Sequence[Block]
-    met: Sequence[Met]
+    met: Sequence[MetEvent]
     cuts: Sequence[float]
     ends: tuple[float, float]
     stopped: bool
@@ -334,7 +331,7 @@ class RecordedMotion:
         apart = np.diff(steps.knots) > inside * ROUNDED * float(np.abs(steps.knots).max())
         knots = steps.knots[np.append(apart, True)]
         blocks: list[Block] = []
-        met: list[Met] = []
+        met: list[MetEvent] = []
         driver.met = met
         start()
         grid = Grid.between(knots, inside)
@@ -342,36 +339,6 @@ class RecordedMotion:
         stopped = bool(met) and met[-1].time == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end
         return CloseSamples(self.recorder.observer, blocks, met, self._cuts(run), ends, stopped, steps.count)
-
-
-Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known
-
-
-def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, float]) -> Iterator[Piece]:
-    """Yield the smooth pieces of functions with values (T, n) at times (T,), between cuts."""
-    bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
-    rounding = ROUNDED * max(map(abs, ends))
-    for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
-        inside = slice(np.searchsorted(times, begin), np.searchsorted(times, end + rounding, side="right"))
-        t, y = times[inside], values[inside]
-        # of a sample at a cut it is not known of which side it is
-        kept = (t > begin + rounding) | ((begin == ends[0]) & (first is None))
-        kept &= (t < end - rounding) | (end == ends[1])
-        t, y = t[kept], y[kept]
-        if len(t) > 1:
-            kept = np.ones(len(t), dtype=bool)
-            kept[0] = first is None or t[0] - begin > NEAR * (t[1] - t[0])
-            kept[-1] = last is None or end - t[-1] > NEAR * (t[-1] - t[-2])
-            t, y = t[kept], y[kept]
-        known = [(begin, first)] * (first is not None) + [(end, last)] * (
-            last is not None and end > begin + rounding
-        )
-        parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
-        parts.append((t, y))
-        parts += [(np.array([at]), value[None]) for at, value in known if at != begin]
-        t, y = (np.concatenate(arrays) for arrays in zip(*parts))
-        if len(t):  # one from event to event within rounding is an instant
-            yield t, y, begin, end if end > begin + rounding else begin
 
 
 def extremes_over(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:

@@ -36,7 +36,10 @@ class Crank:
         self.r, self.l = float(rng.uniform(0.2, 0.35)), float(rng.uniform(0.6, 0.8))
         self.arm, self.bar, self.cart = rng.uniform(0.5, 2.0, 3).tolist()
         self.torque = float(rng.uniform(2.0, 4.0)), float(rng.uniform(6.0, 9.0)), float(rng.uniform(4.0, 8.0))
-        self.start, self.at = float(np.radians(rng.uniform(-70.0, -40.0))), float(np.radians(rng.uniform(30.0, 50.0)))
+        self.start, self.at = (
+            float(np.radians(rng.uniform(-70.0, -40.0))),
+            float(np.radians(rng.uniform(30.0, 50.0))),
+        )
         self.k = float(rng.uniform(60.0, 150.0) * (10.0 if held == "slide" else 1.0))
         self.c = float(self.k * rng.uniform(0.01, 0.1))
 
@@ -66,13 +69,18 @@ class Crank:
         if self.alone:
             return theta, 1.0
         phi, d, _ = self.closed(theta)
-        reach = self.r * np.cos(theta) + self.l * np.cos(phi), -self.r * np.sin(theta) - self.l * np.sin(phi) * d
+        reach = (
+            self.r * np.cos(theta) + self.l * np.cos(phi),
+            -self.r * np.sin(theta) - self.l * np.sin(phi) * d,
+        )
         return {"closure": (-phi, -d), "rod": (phi - theta, d - 1.0), "slide": reach}[self.held]
 
     def scene(self, duration: float, samples: int, **deploy: Any) -> dict[str, Any]:
         a, b, w = self.torque
         joints = [{"name": "crank", "type": "revolute", "axis": AXIS, "parent": "base", "link": "arm"}]
-        links = [{"name": "arm", "mass": self.arm, "com": [0.5 * self.r, 0, 0], "inertia": {"zz": 0.01 * self.arm}}]
+        links = [
+            {"name": "arm", "mass": self.arm, "com": [0.5 * self.r, 0, 0], "inertia": {"zz": 0.01 * self.arm}}
+        ]
         initial: dict[str, Any] = {"crank": self.start}
         more: dict[str, Any] = {}
         if not self.alone:
@@ -126,7 +134,7 @@ class Crank:
 
             watched = []
             for event, way in zip([*events, lambda y: y[0] - ends], [*falling, 1]):
-                function = lambda t, y, event=event: event(y) if t > begun else -way * 1e-300  # noqa: E731
+                function = lambda t, y, event=event, way=way: event(y) if t > begun else -way * 1e-300  # noqa: E731
                 function.terminal, function.direction = True, way  # type: ignore[attr-defined]
                 watched.append(function)
             return solve_ivp(
@@ -149,9 +157,11 @@ class Crank:
                 k = int(np.argmax([load(run.sol(t)) for t in at]))
                 bounds = at[max(k - 1, 0)], at[min(k + 1, len(at) - 1)]
                 peak = minimize_scalar(
-                    lambda t: -load(run.sol(t)), bounds=bounds, method="bounded", options={"xatol": 1e-11}
+                    lambda t, run=run: -load(run.sol(t)), bounds=bounds, method="bounded", options={"xatol": 1e-11}
+                )  # fmt: skip
+                best = max(
+                    best, (-float(peak.fun), float(peak.x)), (float(load(run.sol(at[k]))), float(at[k]))
                 )
-                best = max(best, (-float(peak.fun), float(peak.x)), (float(load(run.sol(at[k]))), float(at[k])))
             begun, state = float(run.t[-1]), run.y[:, -1]
             if phase == "open":
                 side = float(np.sign(self.place(state[0])[1]))
@@ -174,7 +184,9 @@ def test_largest_loads_of_damped_springs_beside_scipy(held: str, seed: int) -> N
         assert abs(own["peak_moment"] - peak) <= own["errors"]["peak_moment"] + ORACLE * peak
         assert abs(own["peak_time"] - when) <= own["errors"]["peak_time"] + 1e-7
         # the load of a spring has one sign, and jumps wherever its damper is met
-        pushed, off = ("smallest", "largest") if -load["smallest"] > load["largest"] else ("largest", "smallest")
+        pushed, off = (
+            ("smallest", "largest") if -load["smallest"] > load["largest"] else ("largest", "smallest")
+        )
         assert abs(abs(load[pushed]) - peak) <= load["errors"][pushed] + ORACLE * peak
         assert abs(load[off]) <= load["errors"][off]
         assert max(load["errors"][pushed], load["errors"][off], own["errors"]["peak_moment"]) <= 1e-6 * peak
@@ -252,7 +264,13 @@ def test_a_joint_may_rest_before_its_latch() -> None:
 def test_a_stop_that_ends_the_motion_ends_the_growth_of_a_load(damping: float) -> None:
     k, start, stop, inertia = 20.0, -1.3, 0.2, 0.5
     limits = {"lower": -3.0, "upper": stop, "stop": {"restitution": 0}}
-    hinge = {"name": "h", "type": "revolute", "axis": AXIS, "spring": {"stiffness": k, "rest": 1.5}, "limits": limits}
+    hinge = {
+        "name": "h",
+        "type": "revolute",
+        "axis": AXIS,
+        "spring": {"stiffness": k, "rest": 1.5},
+        "limits": limits,
+    }
     latch = {"name": "soft", "joint": "h", "at": 0.0, "hold": {"stiffness": STIFFNESS, "damping": damping}}
     tree = {
         "schema": 1, "gravity": [0, 0, 0],

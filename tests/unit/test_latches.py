@@ -308,7 +308,9 @@ def test_latches_that_hold_the_same_share_the_impulse_by_least_norm() -> None:
     assert summary["final"]["qd"] == {"left": 0.0, "right": 0.0}
 
 
-@pytest.mark.parametrize("condition", [{"at": {"left": AT}}, {"when": f"left - {AT}"}, {"when": f"2*sin({AT} - right)"}])
+@pytest.mark.parametrize(
+    "condition", [{"at": {"left": AT}}, {"when": f"left - {AT}"}, {"when": f"2*sin({AT} - right)"}]
+)
 def test_latches_that_close_at_once_share_whatever_closes_them(condition: dict[str, Any]) -> None:
     tree = two_wings()
     tree["couplers"] = [{"name": "sync", "terms": {"left": 1, "right": -1}}]

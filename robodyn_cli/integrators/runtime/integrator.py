@@ -43,7 +43,7 @@ BEYOND = 7  # doublings of the resolution within which a function that is zero i
 
 
 @record
-class Met:
+class MetEvent:
     """Where a motion may have jumped: time [s], states (nx,) and parameters before and behind.
 
     hidden : what follows from the state may jump, and the state does not, so that it is not known of which side it is.
@@ -81,7 +81,7 @@ class Integrator:
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
-        self.met: list[Met] | None = None
+        self.met: list[MetEvent] | None = None
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -287,7 +287,7 @@ class Integrator:
             self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
                 hidden = event.function.is_discontinuity
-                self.met.append(Met(self.time, *before, self.state, self.p.copy(), hidden))
+                self.met.append(MetEvent(self.time, *before, self.state, self.p.copy(), hidden))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

@@ -30,7 +30,7 @@ class Transition(enum.Enum):
     BREAK_LOW = "break low"
 
 
-LEAST_RATE = 1e-13  # rad/s or m/s: what closes a latch and is slower is at rest, where rounding turns it for ever
+LEAST_RATE = 1e-13  # rad/s or m/s: what closes a latch and is slower is at rest, and does not turn
 HELD = 0  # the state of a joint that is held; the others are the direction of motion, +1 or -1
 STOPS = {Transition.LOWER_STOP: 1.0, Transition.UPPER_STOP: -1.0}  # the direction in which the stop pushes
 

@@ -28,7 +28,7 @@ from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
 
-INSIDE = 1e-15  # rad or m, or part of a position: so far beyond the rest of its spring a latch closes, which bears there
+INSIDE = 1e-15  # rad or m, or part of a position: so far beyond the rest of its spring a latch closes
 ALIKE = 1.0 + 1e-14  # times a load: another one up to it is no larger
 STILL = 1e-11  # rad/s and rad/s^2, or m: what rounding leaves of joints that rest on the spring of a latch
 FALLS = 1e-300  # of the growth of a load: one that is zero from some instant on has been largest there
@@ -69,9 +69,7 @@ class LatchStates(ContactStates):
                 "rows": [x for latch in self.latches for x in latch.psi],
                 "drift": [latch.gamma for latch in self.latches],
                 "values": self.values,
-                "rates": [
-                    closing_rate(p, latch, value) for latch, value in zip(self.latches, self.values)
-                ],
+                "rates": [closing_rate(p, latch, value) for latch, value in zip(self.latches, self.values)],
             },
             STATE_GROUPS,
         )
@@ -158,7 +156,8 @@ class LatchStates(ContactStates):
             self._values = here["values"][0]
             self.turns.append((t, np.abs(self._values)))
             rows = here["rows"].reshape(len(self.latches), -1)
-            self._looked_at, self._seen_rows, self._seen_rates = state, (rows, here["drift"][0]), here["rates"][0]
+            self._looked_at, self._seen_rows = state, (rows, here["drift"][0])
+            self._seen_rates = here["rates"][0]
         return self._seen_rows
 
     def _closing_rates(self, t: float, x: Array) -> Array:

@@ -395,7 +395,6 @@ class ContactStates(Watcher):
     def _note(self, t: float, kind: str, k: int, **details: Any) -> None:
         """Note what happens to a joint; states that are found anew at one instant are told once."""
         told = {"time": t, "name": self.joints[k].name, "kind": kind, **details}
-        if kind != "impact" and told in itertools.takewhile(lambda x: x["time"] == t, reversed(self._log)):
-            return
-        self.counts[kind] += 1
-        self._log.append(told)
+        if kind == "impact" or told not in itertools.takewhile(lambda x: x["time"] == t, self._log[::-1]):
+            self.counts[kind] += 1
+            self._log.append(told)

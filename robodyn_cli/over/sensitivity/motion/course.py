@@ -19,7 +19,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Met
+from robodyn_cli.integrators.runtime.integrator import MetEvent
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latch_states import LatchStates
 from robodyn_cli.motion.driver import Driver
@@ -154,7 +154,7 @@ def _met(motion: Motion, end: float) -> list[Switch]:
     ]
 
 
-def _closings(motion: Motion, met: Sequence[Met]) -> list[Switch]:
+def _closings(motion: Motion, met: Sequence[MetEvent]) -> list[Switch]:
     """Return the closings of latches among what a motion has met.
 
     Raises
