@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.events import Leap
+from robodyn_cli.formulations.events import Jumped, Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Integrator, MetEvent
+from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.runtime.stopped import CROWDED
@@ -101,7 +101,7 @@ class Driver:
         self.given = parameters
         self.tick: Callable[[float], None] | None = None
         self.end = 0.0
-        self.met: list[MetEvent] | None = None
+        self.met: list[Jumped] | None = None
         self._paused = (0.0, 0)  # time and steps when the supervisor was last asked
         self.first = method
         self._begin_anew()
@@ -261,7 +261,7 @@ class Driver:
     def _meet(self, time: float, state: Array, parameters: Array) -> None:
         """Note what was before the present state at a time, where that is asked for."""
         if self.met is not None:
-            self.met.append(MetEvent(time, state, parameters, self.state, self.parameters))
+            self.met.append(Jumped(time, state, parameters, self.state, self.parameters))
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""

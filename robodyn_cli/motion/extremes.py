@@ -16,7 +16,7 @@ import numpy as np
 from robodyn_cli.drives.report import Moved
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
-from robodyn_cli.integrators.runtime.integrator import MetEvent
+from robodyn_cli.formulations.events import Jumped
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
@@ -86,7 +86,7 @@ class CloseSamples:
 
     observer: Observer
     blocks: Sequence[Block]
-    met: Sequence[MetEvent]
+    met: Sequence[Jumped]
     cuts: Sequence[float]
     ends: tuple[float, float]
     stopped: bool
@@ -331,7 +331,7 @@ class RecordedMotion:
         apart = np.diff(steps.knots) > inside * ROUNDED * float(np.abs(steps.knots).max())
         knots = steps.knots[np.append(apart, True)]
         blocks: list[Block] = []
-        met: list[MetEvent] = []
+        met: list[Jumped] = []
         driver.met = met
         start()
         grid = Grid.between(knots, inside)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
+from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Jumped, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine, doubles_at_start, first_step, integers_at_start
@@ -27,7 +27,6 @@ from robodyn_cli.integrators.runtime.memory import (
 from robodyn_cli.integrators.runtime.options import Grid, Options, stretches
 from robodyn_cli.integrators.runtime.sample_blocks import SampleBlocks
 from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
 
@@ -40,21 +39,6 @@ SLICE_TIME = 0.02
 FIRST_SLICE = 256
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
-
-
-@record
-class MetEvent:
-    """Where a motion may have jumped: time [s], states (nx,) and parameters before and behind.
-
-    hidden : what follows from the state may jump, and the state does not, so that it is not known of which side it is.
-    """
-
-    time: float
-    before: Array
-    parameters_before: Array
-    behind: Array
-    parameters_behind: Array
-    hidden: bool = False
 
 
 class Integrator:
@@ -81,7 +65,7 @@ class Integrator:
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
-        self.met: list[MetEvent] | None = None
+        self.met: list[Jumped] | None = None
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -287,7 +271,7 @@ class Integrator:
             self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
                 hidden = event.function.is_discontinuity
-                self.met.append(MetEvent(self.time, *before, self.state, self.p.copy(), hidden))
+                self.met.append(Jumped(self.time, *before, self.state, self.p.copy(), hidden))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

@@ -17,9 +17,17 @@ from robodyn_cli.equations.control.control import NOISE
 from robodyn_cli.equations.discontinuities import is_of_time
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
+from robodyn_cli.formulations.events import (
+    Event,
+    EventFunction,
+    EventKind,
+    Jump,
+    Jumped,
+    Leap,
+    Outcome,
+    Owner,
+)
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import MetEvent
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latch_states import LatchStates
 from robodyn_cli.motion.driver import Driver
@@ -154,7 +162,7 @@ def _met(motion: Motion, end: float) -> list[Switch]:
     ]
 
 
-def _closings(motion: Motion, met: Sequence[MetEvent]) -> list[Switch]:
+def _closings(motion: Motion, met: Sequence[Jumped]) -> list[Switch]:
     """Return the closings of latches among what a motion has met.
 
     Raises
