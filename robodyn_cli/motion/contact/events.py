@@ -191,7 +191,9 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
         add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
         rate = closing_rate(problem, latch, value)
-        turning = where(latch.near * latch.near, 0.0, where(absolute(rate) - LEAST_RATE, rate, 0.0))
+        if problem.constraints.rheonomic:  # others come to rest at events, exactly
+            rate = where(absolute(rate) - LEAST_RATE, rate, 0.0)
+        turning = where(latch.near * latch.near, 0.0, rate)
         add(k, LatchChange.TURNS, is_open * turning, 0)
         if way:
             add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
