@@ -87,7 +87,17 @@ def extreme_lines(summary: Mapping[str, Any]) -> list[str]:
     if not found:
         return []
     rows = [{**row, "units": {"value": row["unit"]}} for row in found.values()]
-    return [table(list(zip(["column", *found], *figure_columns(rows, EXTREMES))))]
+    columns = figure_columns(rows, EXTREMES)
+    for column, (_, key, quantity, digits) in zip(columns, EXTREMES):
+        peers = [k for _, k, own, _ in EXTREMES if own == quantity]
+        column[1:] = [f"{x}{_told_bound(row, key, peers, digits)}" for x, row in zip(column[1:], rows)]
+    return [table(list(zip(["column", *found], *columns)))]
+
+
+def _told_bound(row: Mapping[str, Any], key: str, peers: Sequence[str], digits: int) -> str:
+    """Return the error of a figure where it reaches the digits that are printed of the largest of its peers."""
+    error, size = (row.get("errors") or {}).get(key), max(abs(row[k] or 0.0) for k in peers)
+    return bound_text(error) if error and error > 0.5 * size * 10.0**-digits else ""
 
 
 # of a table by coordinate: heading, values by coordinate, their unit by that of the coordinate, digits

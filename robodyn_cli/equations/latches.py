@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
 # near : of an open one in its position, how far it has to leave that before it can close; -1 where nothing can move;
-# else 0
+# else 0. Of a closed spring the growth below which its load is at rest or falls
 FIELDS = ("closed", "hold", "direction", "rest", "near")
 
 

@@ -180,6 +180,21 @@ class Event:
         return GO_ON if owner is None else owner.handle(self)
 
 
+@record
+class Jumped:
+    """The sides of an event, where a motion may have jumped: time [s], states (nx,) and parameters before and behind.
+
+    hidden : what follows from the state may jump, and the state does not, so that it is not known of which side it is.
+    """
+
+    time: float
+    before: Array
+    parameters_before: Array
+    behind: Array
+    parameters_behind: Array
+    hidden: bool = False
+
+
 # -- owners with nothing to decide ------------------------------------------------------------------------
 class Passing:
     """Owner of events that only end a step (discontinuities)."""

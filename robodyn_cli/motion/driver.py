@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.events import Leap
+from robodyn_cli.formulations.events import Jumped, Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Integrator, Met
+from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.runtime.stopped import CROWDED
@@ -101,7 +101,7 @@ class Driver:
         self.given = parameters
         self.tick: Callable[[float], None] | None = None
         self.end = 0.0
-        self.met: list[Met] | None = None
+        self.met: list[Jumped] | None = None
         self._paused = (0.0, 0)  # time and steps when the supervisor was last asked
         self.first = method
         self._begin_anew()
@@ -242,23 +242,26 @@ class Driver:
                 continue
             if isinstance(outcome, Leap):
                 self._leap(outcome, stop, grid, seen)
-            elif outcome.ends or stop >= end:  # the time may be that but for rounding
+            elif (
+                outcome.ends or stop >= end or self._answer_stop(stop)
+            ):  # the time may be that but for rounding
                 return
-            else:
-                self._answer_stop(stop)
 
-    def _answer_stop(self, stop: float) -> None:
-        """Ask the watchers that have one there how the run goes on."""
-        before = self.state, self.parameters
+    def _answer_stop(self, stop: float) -> bool:
+        """Ask the watchers that have one there how the run goes on; tell whether it ends."""
+        before, ends = (self.state, self.parameters), False
         for watcher in self.watchers:
             if stop in watcher.stops():
-                self.integrator.apply(watcher.at_stop(stop, self.state), watcher)
+                outcome = watcher.at_stop(stop, self.state)
+                self.integrator.apply(outcome, watcher)
+                ends |= outcome.ends
         self._meet(stop, *before)
+        return ends
 
     def _meet(self, time: float, state: Array, parameters: Array) -> None:
         """Note what was before the present state at a time, where that is asked for."""
         if self.met is not None:
-            self.met.append((time, state, parameters, self.state, self.parameters))
+            self.met.append(Jumped(time, state, parameters, self.state, self.parameters))
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""

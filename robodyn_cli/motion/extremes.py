@@ -7,8 +7,7 @@ the states on both sides. What a more accurate integration has otherwise is the 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from robodyn_cli.drives.report import Moved
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
-from robodyn_cli.integrators.runtime.integrator import Met
+from robodyn_cli.formulations.events import Jumped
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
@@ -36,7 +35,7 @@ from robodyn_cli.observe.control import signals_of
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.solve.peaks import Peaks, Piece, Windows
+from robodyn_cli.solve.peaks import ROUNDED, Cut, Peaks, Piece, Windows, pieces
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
@@ -46,8 +45,6 @@ from robodyn_cli.summaries.motion import MotionErrors
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
-NEAR = 0.1  # of the way between samples: one that is so near to a state at an event says no more
-ROUNDED = 1e-14  # of a time
 
 
 class StepTimes:
@@ -89,7 +86,7 @@ class CloseSamples:
 
     observer: Observer
     blocks: Sequence[Block]
-    met: Sequence[Met]
+    met: Sequence[Jumped]
     cuts: Sequence[float]
     ends: tuple[float, float]
     stopped: bool
@@ -102,16 +99,26 @@ class CloseSamples:
         final = values[-1]
         known: list[Cut] = []
         if self.met:
-            before = [(np.array([time]), x[None], p) for time, x, p, _, _ in self.met]
-            behind = [(np.array([time]), x[None], p) for time, _, _, x, p in self.met]
-            sides = (values_of(self.observer, columns, side) for side in (before, behind))
-            known = [(one[0], *pair) for one, *pair in zip(self.met, *sides)]
+            before = [(np.array([x.time]), x.before[None], x.parameters_before) for x in self.met]
+            behind = [(np.array([x.time]), x.behind[None], x.parameters_behind) for x in self.met]
+            sides = [values_of(self.observer, columns, side) for side in (before, behind)]
+            apart = np.array([*self.hidden, np.inf])
+            known = [
+                (one.time, *pair)
+                for one, *pair in zip(self.met, *sides)
+                if np.abs(apart - one.time).min() > ROUNDED * max(map(abs, self.ends))
+            ]
         if self.stopped:  # of a sample there it is not known of which side it is
-            final = known[-1][2]
+            final = sides[1][-1]
             inside = times < self.ends[1] - SLACK * max(map(abs, self.ends))
             times, values = times[inside], values[inside]
-        cuts = sorted([*known, *((time, None, None) for time in self.cuts)], key=lambda cut: cut[0])
+        cuts = sorted([*known, *((time, None, None) for time in self.hidden)], key=lambda cut: cut[0])
         return list(pieces(times, values, cuts, self.ends)), final
+
+    @cached_property
+    def hidden(self) -> list[float]:
+        """Times [s] of jumps of which no side is known: what depends on time, or on a state that does not jump."""
+        return [*self.cuts, *(one.time for one in self.met if one.hidden)]
 
     def moved(self, widths: Mapping[str, int]) -> Moved:
         """Return the motion of the joints, whose datasets have so many columns; both sides of jumps are samples."""
@@ -120,7 +127,7 @@ class CloseSamples:
         parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
         t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
         own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
-        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.cuts)))
+        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.hidden)))
 
 
 @record
@@ -286,7 +293,7 @@ class RecordedMotion:
             start()
             ended = driver.integrator.advance(run.end, every)
         begin, end = run.beginning.time, run.end
-        times = np.unique([begin, *ended, *(event[0] for event in driver.met), *self._cuts(run), end])
+        times = np.unique([begin, *ended, *(event.time for event in driver.met), *self._cuts(run), end])
         return Steps(times[(times >= begin) & (times <= end)], driver.counters.steps)
 
     @cached_property
@@ -324,44 +331,14 @@ class RecordedMotion:
         apart = np.diff(steps.knots) > inside * ROUNDED * float(np.abs(steps.knots).max())
         knots = steps.knots[np.append(apart, True)]
         blocks: list[Block] = []
-        met: list[Met] = []
+        met: list[Jumped] = []
         driver.met = met
         start()
         grid = Grid.between(knots, inside)
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
-        stopped = bool(met) and met[-1][0] == driver.time
+        stopped = bool(met) and met[-1].time == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end
         return CloseSamples(self.recorder.observer, blocks, met, self._cuts(run), ends, stopped, steps.count)
-
-
-Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known
-
-
-def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, float]) -> Iterator[Piece]:
-    """Yield the smooth pieces of functions with values (T, n) at times (T,), between cuts."""
-    bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
-    rounding = ROUNDED * max(map(abs, ends))
-    for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
-        inside = slice(np.searchsorted(times, begin), np.searchsorted(times, end + rounding, side="right"))
-        t, y = times[inside], values[inside]
-        # of a sample at a cut it is not known of which side it is
-        kept = (t > begin + rounding) | ((begin == ends[0]) & (first is None))
-        kept &= (t < end - rounding) | (end == ends[1])
-        t, y = t[kept], y[kept]
-        if len(t) > 1:
-            kept = np.ones(len(t), dtype=bool)
-            kept[0] = first is None or t[0] - begin > NEAR * (t[1] - t[0])
-            kept[-1] = last is None or end - t[-1] > NEAR * (t[-1] - t[-2])
-            t, y = t[kept], y[kept]
-        known = [(begin, first)] * (first is not None) + [(end, last)] * (
-            last is not None and end > begin + rounding
-        )
-        parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
-        parts.append((t, y))
-        parts += [(np.array([at]), value[None]) for at, value in known if at != begin]
-        t, y = (np.concatenate(arrays) for arrays in zip(*parts))
-        if len(t):  # one from event to event within rounding is an instant
-            yield t, y, begin, end if end > begin + rounding else begin
 
 
 def extremes_over(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:

@@ -213,7 +213,7 @@ def estimate_error(
         if other.apart.shape == courses.apart.shape:
             courses = courses.beside(other.apart)
             more = sampled_errors(motion, grid, third, recorder, courses.scale)
-            dq, dv = (np.maximum(x, y) for x, y in zip((dq, dv), more))
+            dq, dv = (_larger(x, y) for x, y in zip((dq, dv), more))
     least_q, least_v = float(floor.q[0]), float(floor.qd[0])
     largest = max(float(dq.max(initial=0.0)), float(dv.max(initial=0.0)))
     q_max, qd_max = float(dq.max(initial=least_q)), float(dv.max(initial=least_v))
@@ -288,6 +288,14 @@ def sampled_errors(
     q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
     other_q, other_qd, _ = motion.system.split(states[: len(q)])
     return scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
+
+
+def _larger(one: Array, two: Array) -> Array:
+    """Return the larger errors at samples of two runs, one of which may have met its end a sample earlier."""
+    less, more = sorted((one, two), key=len)
+    both = more.copy()
+    both[: len(less)] = np.maximum(less, more[: len(less)])
+    return both
 
 
 def _third_run(motion: Motion, first: FirstRun, tick: Tick) -> Second | None:

@@ -67,10 +67,11 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
     rows = problem.loop_psi
     if len(passive) != len(rows):
         freedom = problem.model.nv - len(rows)
+        other = "" if problem.scene.deploy.latches else ", or use deploy.criterion: multipliers"
         raise CapabilityError(
             f"a dead point needs as many driven joints as degrees of freedom: the mechanism has {freedom}, and "
-            f"{problem.model.nv - len(passive)} joints are actuated or prescribed; set `actuated`, or use "
-            "deploy.criterion: multipliers",
+            f"{problem.model.nv - len(passive)} joints are actuated or prescribed; set `actuated`"
+            f"{other}",
             key="actuated",
         )
     value: Scalar = determinant(rows[:, list(passive)])

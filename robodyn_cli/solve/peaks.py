@@ -8,7 +8,9 @@ about as much as from one to the next.
 from __future__ import annotations
 
 import collections
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +18,43 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 WINDOW = 9  # samples
-FEWER = (0, 1, 3, 4, 5, 7, 8)  # those of them through which the polynomial of less degree goes
+# those of them through which the polynomial of less degree goes, by how many there are
+FEWER = {9: [0, 1, 3, 4, 5, 7, 8], 8: [0, 1, 3, 4, 6, 7], 7: [0, 1, 3, 5, 6]}
 LOOKED = 33  # points of a window at which polynomials are evaluated first
 SLOPE = 64.0  # times a polynomial's largest value in [-1, 1]: its slope, with the degree squared (Markov)
 ROUNDING = 4e-15  # part of the values in a window that rounding leaves
 ALIKE = 1e-12  # part of a value by which peaks that count as equal differ: the first one is told
+NEAR = 0.1  # of the way between samples: one that is so near to a state at an event says no more
+ROUNDED = 1e-14  # of a time
 Piece = tuple[Array, Array, float, float]  # times (k,), values (k, n), and where it begins and ends
+Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known
+
+
+def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, float]) -> Iterator[Piece]:
+    """Yield the smooth pieces of functions with values (T, n) at times (T,), between cuts."""
+    bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
+    rounding = ROUNDED * max(map(abs, ends))
+    for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
+        inside = slice(np.searchsorted(times, begin), np.searchsorted(times, end + rounding, side="right"))
+        t, y = times[inside], values[inside]
+        # of a sample at a cut it is not known of which side it is
+        kept = (t > begin + rounding) | ((begin == ends[0]) & (first is None))
+        kept &= (t < end - rounding) | (end == ends[1])
+        t, y = t[kept], y[kept]
+        if len(t) > 1:
+            kept = np.ones(len(t), dtype=bool)
+            kept[0] = first is None or t[0] - begin > NEAR * (t[1] - t[0])
+            kept[-1] = last is None or end - t[-1] > NEAR * (t[-1] - t[-2])
+            t, y = t[kept], y[kept]
+        known = [(begin, first)] * (first is not None) + [(end, last)] * (
+            last is not None and end > begin + rounding
+        )
+        parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
+        parts.append((t, y))
+        parts += [(np.array([at]), value[None]) for at, value in known if at != begin]
+        t, y = (np.concatenate(arrays) for arrays in zip(*parts))
+        if len(t):  # one from event to event within rounding is an instant
+            yield t, y, begin, end if end > begin + rounding else begin
 
 
 @record
@@ -42,9 +75,9 @@ class Windows:
     def of(parts: Iterable[Piece]) -> Windows:
         """Return the windows of functions in pieces, of which each has a sample at least."""
         alike = collections.defaultdict(list)
-        for part in parts:
-            alike[len(part[0])].append(part)
-        wide = [_windows(*map(np.array, zip(*own))) for own in alike.values()]
+        for own in itertools.chain.from_iterable(_by_steps(*part) for part in parts):
+            alike[len(own[0])].append(own)
+        wide = [_windows(*map(np.array, zip(*group))) for group in alike.values()]
         return Windows(*(np.concatenate(arrays) for arrays in zip(*wide)))
 
     def peaks(self, sign: float) -> Peaks:
@@ -112,6 +145,19 @@ class Peaks:
         return sign * most + 0.0, unsure, float(time[first]), float(away.max())
 
 
+def _by_steps(t: Array, y: Array, begin: float, end: float) -> Iterator[Piece]:
+    """Yield a piece with what reaches beyond its samples apart: there the first or the last one of a step is missing,
+    and steps beside a jump may be shorter than the next by orders."""
+    step = WINDOW - 1
+    if begin < t[0] and len(t) > WINDOW:
+        yield t[:step], y[:step], begin, float(t[step - 1])
+        t, y, begin = t[step - 1 :], y[step - 1 :], float(t[step - 1])
+    if end > t[-1] and len(t) > WINDOW:
+        yield t[-step:], y[-step:], float(t[-step]), end
+        t, y, end = t[: 1 - step], y[: 1 - step], float(t[-step])
+    yield t, y, begin, end
+
+
 def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
     """Return the arrays of windows for pieces of as many samples each, at times t (P, k), with values y (P, k, n)."""
     count, size = t.shape[1], min(WINDOW, t.shape[1])
@@ -124,7 +170,7 @@ def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
     x = (times - middle[:, None]) / half[:, None]
     powers = np.zeros((len(x), WINDOW, y.shape[2]))
     less = np.zeros_like(powers)
-    fewer = list(FEWER) if size == WINDOW else list(range(0, size, 2))
+    fewer = FEWER.get(size, list(range(0, size, 2)))
     powers[:, :size] = _powers(x, values)
     less[:, : len(fewer)] = _powers(x[:, fewer], values[:, fewer])
     if size == 1:  # nothing says where a function goes from there

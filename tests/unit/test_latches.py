@@ -308,6 +308,19 @@ def test_latches_that_hold_the_same_share_the_impulse_by_least_norm() -> None:
     assert summary["final"]["qd"] == {"left": 0.0, "right": 0.0}
 
 
+@pytest.mark.parametrize(
+    "condition", [{"at": {"left": AT}}, {"when": f"left - {AT}"}, {"when": f"2*sin({AT} - right)"}]
+)
+def test_latches_that_close_at_once_share_whatever_closes_them(condition: dict[str, Any]) -> None:
+    tree = two_wings()
+    tree["couplers"] = [{"name": "sync", "terms": {"left": 1, "right": -1}}]
+    tree["deploy"]["latches"][1] = {"name": "right_catch", "joint": "right", **condition}
+    summary = deployed(tree).summary
+    for name in ("left_catch", "right_catch"):
+        near(summary, name, time=CLOSES, energy_lost=2 * TORQUE * AT, angular_impulse=INERTIA * SPEED)
+    assert {own["order"] for own in summary["locks"].values()} == {1}
+
+
 def test_run_goes_on_until_one_latch_is_closed() -> None:
     tree = two_wings()
     tree["torques"]["right"] = 4 * TORQUE
@@ -578,6 +591,13 @@ def test_latch_cannot_stop_what_is_prescribed() -> None:
     tree["deploy"]["latches"].pop(0)
     with pytest.raises(NumericalError, match="right_catch.*prescribed motion or loops force on"):
         deployed(tree)
+
+
+def test_what_slips_from_the_start_on_is_told_once() -> None:
+    rough = {"friction": {"coulomb": 0.05, "law": "set_valued"}}
+    result = deployed(panel(joint=rough))
+    assert [(event["time"], event["kind"]) for event in result.events][:1] == [(0.0, "slip")]
+    assert result.summary["transitions"]["slip"] == 1
 
 
 def test_what_does_not_go_with_latches_is_refused() -> None:

@@ -128,6 +128,26 @@ def test_of_a_bouncing_ball_are_the_values_on_both_sides_of_the_impact() -> None
     close(found["q.height"], "final", 0.5 * G * fall * later - 0.5 * G * later**2, 1e-9)
 
 
+SWITCH = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: prismatic, axis: [1, 0, 0]}]
+  links: [{name: m, mass: 2}]
+torques: {x: "if(x > 0.3, 3 - 2*x, -1 - x)"}
+initial: {q: {x: 1}, qd: {x: -1.5}}
+simulate: {duration: 4, samples: SAMPLES}
+"""
+
+
+@pytest.mark.parametrize("samples", [5, 301])
+def test_of_a_force_that_the_state_switches_are_the_values_on_both_sides(samples: int) -> None:
+    found = extremes(SWITCH.replace("SAMPLES", str(samples)), "tau.x", "qdd.x", "q.x")
+    assert found["q.x"]["smallest"] < 0.3
+    close(found["tau.x"], "largest", 3.0 - 2.0 * 0.3, 1e-9)
+    close(found["qdd.x"], "largest", 0.5 * (3.0 - 2.0 * 0.3), 1e-9)
+
+
 def test_the_largest_height_behind_an_impact_is_that_of_its_rebound() -> None:
     """Thrown down from 0.3 m so fast that it comes back higher: e^2 (v^2 + 2 g h) / 2 g, by the restitution e."""
     thrown = BALL.replace("q: {height: 1.5}", "q: {height: 0.3}, qd: {height: -9}").replace("0.9,", "1.2,")
@@ -190,7 +210,7 @@ def test_samples_of_stretches_are_those_of_the_same_steps() -> None:
     driver.met = driver.integrator.met = met
     states = driver.samples(1.0, grid)
     assert len(states) == grid.count and len(met) >= 2
-    assert any(np.abs(event[3] - event[1]).max() > 0.1 for event in met)
+    assert any(np.abs(event.behind - event.before).max() > 0.1 for event in met)
     for k in (3, 17, 30, 39):
         other = Driver.of(motion.with_own_watchers())
         other.start(0.0, motion.start)

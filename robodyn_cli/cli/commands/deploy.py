@@ -67,7 +67,11 @@ def _latches(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about several latches: whether what was waited for is closed, what each did, which are open."""
     status, termination = summary.get("status"), summary["termination"]
     verb = "locked" if status == "locked" else "no lock" if status == "no_lock" else str(status)
-    lines = [f"  {verb:<18} t = {number(termination.get('time'), 9)} s  ({termination['reason']})"]
+    end, why, lock = f"{number(termination.get('time'), 9)} s", termination["reason"], summary.get("lock")
+    if status == "locked" and lock:
+        later = "" if lock["time"] == termination["time"] else f"; the run ends at t = {end}"
+        end, why = f"{number(lock['time'], 9)}{bound_text(lock.get('time_error'))} s", f"{why}{later}"
+    lines = [f"  {verb:<18} t = {end}  ({why})"]
     return [*lines, *latch_lines(summary), *_after_lock(summary)]
 
 

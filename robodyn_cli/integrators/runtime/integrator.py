@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
+from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Jumped, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine, doubles_at_start, first_step, integers_at_start
@@ -38,8 +38,6 @@ DEFAULTS = Options()
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
-# where a motion may have jumped: the time [s], states (nx,) and parameters before and behind
-Met = tuple[float, Array, Array, Array, Array]
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
 
@@ -67,7 +65,7 @@ class Integrator:
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
-        self.met: list[Met] | None = None
+        self.met: list[Jumped] | None = None
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -272,7 +270,8 @@ class Integrator:
                 end = outcome
             self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
-                self.met.append((self.time, *before, self.state, self.p.copy()))
+                hidden = event.function.is_discontinuity
+                self.met.append(Jumped(self.time, *before, self.state, self.p.copy(), hidden))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -29,6 +30,7 @@ class Transition(enum.Enum):
     BREAK_LOW = "break low"
 
 
+LEAST_RATE = 1e-13  # rad/s or m/s: what closes a latch and is slower is at rest, and does not turn
 HELD = 0  # the state of a joint that is held; the others are the direction of motion, +1 or -1
 STOPS = {Transition.LOWER_STOP: 1.0, Transition.UPPER_STOP: -1.0}  # the direction in which the stop pushes
 
@@ -100,6 +102,7 @@ class LatchChange(enum.Enum):
     TURNS = "turn"  # of what closes it
     PASSES = "pass"  # its position or formula passes zero the other way
     LARGEST = "largest load"  # of a compliant one
+    RESTS = "load at rest"  # from an instant on; no event function tells
     MEETS = "contact"
     LETS_GO = "no load"
 
@@ -127,7 +130,8 @@ class LatchClosing:
     order : 1 for those that closed first, 0 for those that an earlier run has closed, of which nothing is told that was
     before this run. angle, speed : of what it holds, before it closed. lost : energy [J].
     impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
-    at a peak, so that this says something. past : largest load of earlier closings, with its time, where that is known.
+    at a peak, so that this says something. crest : load at its last peak. past : largest load of earlier closings, with
+    its time, where that is known.
     redundant : whether others held already what it holds. opened : when, if it has.
     """
 
@@ -140,6 +144,7 @@ class LatchClosing:
     peak: float = 0.0
     peak_time: float = 0.0
     has_peaked: bool = False
+    crest: float = math.inf
     past: tuple[float, float] | None = None
     rebounds: int = 0
     redundant: bool = False
@@ -185,14 +190,17 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         # one that is open in its position has to leave it first: rounding must not close it there
         leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
         add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
-        turning = where(latch.near * latch.near, 0.0, _rate(problem, latch, value))
+        rate = closing_rate(problem, latch, value)
+        if problem.constraints.rheonomic:  # others come to rest at events, exactly
+            rate = where(absolute(rate) - LEAST_RATE, rate, 0.0)
+        turning = where(latch.near * latch.near, 0.0, rate)
         add(k, LatchChange.TURNS, is_open * turning, 0)
         if way:
             add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
         if latch.opens is not None:
             add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:
-            add(k, LatchChange.LARGEST, latch.closed * _growth(problem, latch), -1)
+            add(k, LatchChange.LARGEST, latch.closed * (_growth(problem, latch) - latch.near), -1)
     for k, latch in enumerate(problem.latches):
         if latch.rigid:
             continue
@@ -203,7 +211,7 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
     return functions
 
 
-def _rate(problem: Problem, latch: LatchRow, value: Scalar) -> Any:
+def closing_rate(problem: Problem, latch: LatchRow, value: Scalar) -> Any:
     """Return the rate of what passes zero where a latch closes."""
     if latch.closing is not None:
         return problem.v[latch.closing]

@@ -13,7 +13,12 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
-from robodyn_cli.motion.contact.events import LatchClosing, contact_functions, latch_functions
+from robodyn_cli.motion.contact.events import (
+    LatchClosing,
+    closing_rate,
+    contact_functions,
+    latch_functions,
+)
 from robodyn_cli.motion.contact.payloads import Payloads
 from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.motion import Motion, Watcher
@@ -23,10 +28,13 @@ from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
 
-INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
+INSIDE = 1e-15  # rad or m, or part of a position: so far beyond the rest of its spring a latch closes
+ALIKE = 1.0 + 1e-14  # times a load: another one up to it is no larger
+STILL = 1e-11  # rad/s and rad/s^2, or m: what rounding leaves of joints that rest on the spring of a latch
+FALLS = 1e-300  # of the growth of a load: one that is zero from some instant on has been largest there
 BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
 RESTARTED = 3.0  # times the errors of a motion, of figures at events
-SUMMED = 100.0  # times that, of a position that is a sum
+SUMMED = 10.0  # times that, of a position that is a sum
 
 
 class LatchStates(ContactStates):
@@ -61,12 +69,14 @@ class LatchStates(ContactStates):
                 "rows": [x for latch in self.latches for x in latch.psi],
                 "drift": [latch.gamma for latch in self.latches],
                 "values": self.values,
+                "rates": [closing_rate(p, latch, value) for latch, value in zip(self.latches, self.values)],
             },
             STATE_GROUPS,
         )
         self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
         self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
         self._names = p.model.q_names
+        self._breaks = self.system.breakpoints if any(not x.rigid for x in self.latches) else ()
         # those that come near to closing by motion alone
         self._moved = [
             k
@@ -108,6 +118,8 @@ class LatchStates(ContactStates):
         self._stands = False  # nothing can move
         self._brisk = 1e-300  # the largest acceleration at a closing so far
         self._just: int | None = None  # that has closed at this event
+        self._falls: int | None = None  # whose load has grown again, and falls
+        self._asked = 0.0  # until when it has been asked about instants at which formulas of time change
         self._looked_at: tuple[float, bytes] | None = None
         self._known_place: tuple[float, bytes] | None = None
         self.turns: list[tuple[float, Array]] = []
@@ -143,11 +155,15 @@ class LatchStates(ContactStates):
             here = self._rows.evaluate(1, self._groups(t, x))
             self._values = here["values"][0]
             self.turns.append((t, np.abs(self._values)))
-            self._looked_at, self._seen_rows = (
-                state,
-                (here["rows"].reshape(len(self.latches), -1), here["drift"][0]),
-            )
+            rows = here["rows"].reshape(len(self.latches), -1)
+            self._looked_at, self._seen_rows = state, (rows, here["drift"][0])
+            self._seen_rates = here["rates"][0]
         return self._seen_rows
+
+    def _closing_rates(self, t: float, x: Array) -> Array:
+        """Return the rates (k,) of the functions that pass zero where latches close."""
+        self._look(t, x)
+        return self._seen_rates
 
     def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
         """Let what latches bear stand exactly still: what rounding leaves would go on."""
@@ -167,11 +183,16 @@ class LatchStates(ContactStates):
             if k in self.closings and not self.latches[k].rigid:
                 self._note_load(t, x, k)
 
-    def _note_load(self, t: float, x: Array, k: int) -> None:
-        it, s = self.closings[k], self._direction[k]
-        delta, rate = s * (self._position(k, x) - self._rest[k]), s * self._rate(k, x)
-        load = float(self.latches[k].law(delta, rate)) if delta >= 0.0 else 0.0
-        if load > it.peak:
+    def _borne(self, k: int, x: Array) -> tuple[float, float]:
+        """Return what a compliant latch exerts by its law, and how far beyond its rest it is."""
+        s = self._direction[k]
+        delta = s * (self._position(k, x) - self._rest[k])
+        return float(self.latches[k].law(delta, s * self._rate(k, x))), float(delta)
+
+    def _note_load(self, t: float, x: Array, k: int, enters: bool = False) -> None:
+        """Note the load of a compliant latch; enters : its rest is passed here, but for rounding."""
+        it, (load, delta) = self.closings[k], self._borne(k, x)
+        if load > it.peak * ALIKE and (delta >= 0.0 or enters):
             it.peak, it.peak_time = load, t
 
     def _position(self, k: int, x: Array) -> float:
@@ -182,17 +203,30 @@ class LatchStates(ContactStates):
         """Return the rate of this position."""
         return float(self.latches[k].rate(self.system.split(x)[1]))
 
+    def _rest_before(self, k: int, x: Array) -> float:
+        """Return the rest of a spring that is met here, so that it pushes at once."""
+        at, q = self._position(k, x), self.system.split(x)[0]
+        size = abs(at) if self._q_of[k] is not None else SUMMED * float(np.abs(q).max())
+        return at - self._direction[k] * INSIDE * max(1.0, size)
+
+    def _least_growth(self, k: int) -> float:
+        """Return the growth of the load of a spring that rounding may leave."""
+        return STILL * float(self.latches[k].law(1.0, 1.0))
+
     def _growth(self, t: float, x: Array, k: int) -> float:
-        """Return the rate at which the load of a compliant latch that has just been met grows."""
-        latch, s, rest, place = self.latches[k], self._direction[k], self._rest[k], self._q_of[k]
-        x = x.copy()
-        # at its position itself nothing pushes yet
-        if place is not None:
-            x[place] = rest + s * INSIDE * max(1.0, abs(rest))
-        else:
-            places, row = list(self.system.q_places), np.array([float(y) for y in latch.psi])
-            x[places] += s * SUMMED * INSIDE * max(1.0, float(np.abs(x[places]).max())) * row
-        return float(latch.law(s * self._rate(k, x), s * latch.rate(self.rates(t, x)[0])))
+        """Return the rate at which the load of a compliant latch grows."""
+        s, latch = self._direction[k], self.latches[k]
+        rate = s * self._rate(k, x)
+        if latch.spec.hold.damping == 0.0:
+            return float(latch.law(rate, 0.0))
+        return float(latch.law(rate, s * latch.rate(self.rates(t, x)[0])))
+
+    def _see_peaks(self, t: float, x: Array) -> None:
+        """See which loads of springs do not grow any more behind an event."""
+        for k in self.closed:
+            if self._has_peaked(k):
+                continue
+            self.closings[k].has_peaked = self._stands or self._growth(t, x, k) <= self._least_growth(k)
 
     def _has_peaked(self, k: int) -> bool:
         """Tell whether the load of a latch has come to its first peak, if it is one that grows."""

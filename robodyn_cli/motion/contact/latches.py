@@ -8,7 +8,7 @@ those that close at the same instant do so together, by impulses of least norm w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from robodyn_cli.motion.contact.events import (
     known_sides,
 )
 from robodyn_cli.motion.contact.impact import Impact, shared
-from robodyn_cli.motion.contact.latch_states import LatchStates
+from robodyn_cli.motion.contact.latch_states import FALLS, LatchStates
 from robodyn_cli.ready.singularity import classify
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
@@ -42,6 +42,7 @@ class Latches(LatchStates):
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
         x = super().begin(t, x, options)
+        self._asked = t
         self._look(t, x)
         self._stay_open(x, range(len(self.latches)))
         given = [(k, self.given[name]) for k, name in enumerate(self.names) if name in self.given]
@@ -70,7 +71,7 @@ class Latches(LatchStates):
         latch, place = self.latches[k], self._v_of[k]
         self.closed.append(k)
         self._direction[k] = 1.0 if event["speed"] >= 0.0 else -1.0
-        self._rest[k] = event["rest"]
+        self._rest[k], self._near[k] = event["rest"], FALLS
         if latch.rigid and place is not None:
             x[place] = 0.0
         angle = ABSENT if self._q_of[k] is None else float(x[self._q_of[k]])
@@ -114,6 +115,8 @@ class Latches(LatchStates):
         k = function.number
         if function.change is LatchChange.CLOSES:
             return k not in self.closed and self._values[k] == 0.0 and self._near[k] <= 0.0
+        if function.change is LatchChange.LARGEST:
+            return k == self._falls
         return k == self._just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
@@ -127,7 +130,7 @@ class Latches(LatchStates):
             assert isinstance(outcome, Jump)
             self._look(event.time, outcome.state)
             self._bear_all(event.time, outcome.state)
-            return outcome
+            return self._outcome(event.time, outcome.state)
         assert isinstance(function, LatchFunction)
         t, x, k = event.time, event.state.copy(), function.number
         self._flight = np.inf
@@ -141,6 +144,19 @@ class Latches(LatchStates):
         if function.change is LatchChange.OPENS:
             return self._open(t, x, k)
         return self._bear(t, x, k, function.change)
+
+    def stops(self) -> Sequence[float]:
+        return [time for time in self._breaks if time > self._asked]
+
+    def at_stop(self, t: float, x: Array) -> Outcome:
+        """See which joints come to rest on springs, where a formula of time changes: no event tells."""
+        self._asked, outcome = t, GO_ON
+        for k in self.closed:
+            if not self.latches[k].rigid and abs(self._growth(t, x, k)) <= self._least_growth(k):
+                outcome = self._bear(t, x, k, LatchChange.RESTS)
+                if outcome.ends:
+                    break
+        return outcome
 
     def see(self, t: Array, x: Array) -> None:
         super().see(t, x)
@@ -168,10 +184,8 @@ class Latches(LatchStates):
             return self.arm(x)
         if (closed := event.close()) is not None:
             return self._take_over(t, x, k, closed)
-        if latch.closes is None:
-            q = self.system.split(x)[0]
-            if classify(self.problem, q, self.passive).kind != "dead_point":
-                return GO_ON
+        if latch.closes is None and not self._is_dead_point(x):
+            return GO_ON
         before = x.copy()
         self._note_brisk(t, x)
         places = list(self.system.v_places)
@@ -187,8 +201,6 @@ class Latches(LatchStates):
         self._just = None if latch.rigid else k
         self._rearrange(t, x)
         self._bear_all(t, x)
-        if not latch.rigid:
-            self.closings[k].has_peaked = self._growth(t, x, k) <= 0.0
         freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
         for j in together:
             self.closings[j].redundant = self.latches[j].rigid and j not in self.bearing
@@ -232,9 +244,12 @@ class Latches(LatchStates):
         place = self._q_of[k]
         if place is not None and latch.is_own:
             x[place] -= float(self._values[k])
-        self._rest[k] = 0.0 if latch.rigid and place is None else self._position(k, x)
         angle = ABSENT if place is None else float(x[place])
         self._direction[k] = 1.0 if speed >= 0.0 else -1.0
+        if not latch.rigid:
+            self._rest[k], self._near[k] = self._rest_before(k, x), FALLS
+        else:
+            self._rest[k] = 0.0 if place is None else self._position(k, x)
         count = 1 if before is None else before.closings + 1
         past = None if before is None else before.largest
         self.closings[k] = LatchClosing(order, t, angle, speed, closings=count, past=past)
@@ -243,16 +258,19 @@ class Latches(LatchStates):
 
     def _others(self, t: float, x: Array, k: int) -> list[int]:
         """Return the other rigid latches that close at the same instant: their positions are as near as rounding."""
-        near = TOGETHER * max(1.0, t)
+        near, rates = TOGETHER * max(1.0, t), self._closing_rates(t, x)
         others = []
         for j, latch in enumerate(self.latches):
-            if j == k or j in self.closed or not latch.rigid or latch.closing is None:
+            if j == k or j in self.closed or not latch.rigid or self._near[j] > 0.0:
                 continue
-            rate = float(x[self.system.v_places[latch.closing]])
-            way = {"up": rate > 0.0, "down": rate < 0.0}.get(latch.spec.side, True)
-            if way and rate != 0.0 and abs(self._values[j]) <= near * abs(rate):
+            way = {"up": rates[j] > 0.0, "down": rates[j] < 0.0}.get(latch.spec.side, True)
+            if way and rates[j] != 0.0 and abs(self._values[j]) <= near * abs(rates[j]):
                 others.append(j)
-        return others
+        return [j for j in others if self.latches[j].closes is not None or self._is_dead_point(x)]
+
+    def _is_dead_point(self, x: Array) -> bool:
+        """Tell whether the mechanism is in a dead point."""
+        return classify(self.problem, self.system.split(x)[0], self.passive).kind == "dead_point"
 
     def _strike_latches(self, t: float, x: Array, together: list[int], rows: Array) -> None:
         """LatchChange the state x by the impulses of rigid latches with these rows (k, nv)."""
@@ -276,14 +294,15 @@ class Latches(LatchStates):
             x[self.system.work_place] -= lost
 
     def _open(self, t: float, x: Array, k: int) -> Outcome:
-        """Open a latch; the energy in its spring is lost."""
+        """Open a latch, which bears nothing more; the energy in its spring is lost."""
         latch = self.latches[k]
+        self._bear_all(t, x)
         q = self.system.split(x)[0]
         if not latch.rigid and self.system.work_place is not None:
             x[self.system.work_place] -= float(latch.stored(q, self._direction[k], self._rest[k]))
         self.closed.remove(k)
         if k in self.closings:
-            self.closings[k].opened = t
+            self.closings[k].opened, self.closings[k].has_peaked = t, True
         self._log.append({"time": t, "name": latch.name, "kind": "opened"})
         self._look(t, x)
         self._stay_open(x, [k])
@@ -310,7 +329,7 @@ class Latches(LatchStates):
             else:
                 idle.append(k)
         stands = len(basis) == basis.shape[1] and not self.problem.constraints.rheonomic
-        for k in self._moved:
+        for k in (k for k in self._moved if k not in self.closed):
             self._near[k] = max(self._near[k], 0.0) or -float(stands)
         if stands or self._stands:  # nothing moves, or has until now; rounding would go on
             x[list(self.system.v_places)] = 0.0
@@ -331,16 +350,29 @@ class Latches(LatchStates):
 
     def _bear(self, t: float, x: Array, k: int, change: LatchChange) -> Outcome:
         """Note the load of a compliant latch, and whether it has been left; end a run that went on for its peak."""
-        it, waited = self.closings.get(k), not self._has_peaked(k)
+        it, waited = self.closings[k], not self._has_peaked(k)
         self._look(t, x)
-        if it is None:
-            return GO_ON
-        inwards = self._direction[k] * self._rate(k, x) > 0.0
+        if change is LatchChange.LARGEST and self._near[k] > FALLS:
+            return self._watch_growth(k, x, FALLS)  # it has grown again, and is largest where that is zero
+        inwards, least = self._direction[k] * self._rate(k, x) > 0.0, self._least_growth(k)
         it.rebounds += change is LatchChange.MEETS and not inwards
-        it.has_peaked |= change is LatchChange.LARGEST or not inwards
-        if change is LatchChange.LARGEST:
-            self._note_load(t, x, k)
-        return Halt(x, self.p, {}, np.inf) if waited and self._is_met() else GO_ON
+        it.has_peaked |= change in (LatchChange.LARGEST, LatchChange.RESTS) or not inwards
+        if change in (LatchChange.LARGEST, LatchChange.RESTS) or (change is LatchChange.MEETS and inwards):
+            self._note_load(t, x, k, enters=change is LatchChange.MEETS)
+        if waited and self._is_met():
+            return Halt(x, self.p, {}, np.inf)
+        if change not in (LatchChange.LARGEST, LatchChange.RESTS):
+            return GO_ON
+        load = self._borne(k, x)[0]
+        at_rest, it.crest = change is LatchChange.RESTS or abs(load - it.crest) <= least, load
+        return self._watch_growth(k, x, least) if at_rest else GO_ON
+
+    def _watch_growth(self, k: int, x: Array, least: float) -> Outcome:
+        """Go on with another growth below which a load is at rest: rounding must not make peaks of one."""
+        self._near[k], self._falls = least, k if least == FALLS else None
+        self._write()
+        outcome, self._falls = self.arm(x), None
+        return outcome
 
     # -- contact states -------------------------------------------------------------------------------
     def _settle_speeds(self, x: Array) -> None:
@@ -360,6 +392,7 @@ class Latches(LatchStates):
 
     def _outcome(self, t: float, x: Array) -> Outcome:
         self._look(t, x)
+        self._see_peaks(t, x)
         jump, self._just = self.arm(x), None
         assert isinstance(jump, Jump)
         return Halt(jump.state, jump.parameters, jump.sides, jump.step) if self._is_met() else jump

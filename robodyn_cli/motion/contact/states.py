@@ -395,5 +395,8 @@ class ContactStates(Watcher):
         )  # fmt: skip
 
     def _note(self, t: float, kind: str, k: int, **details: Any) -> None:
-        self.counts[kind] += 1
-        self._log.append({"time": t, "name": self.joints[k].name, "kind": kind, **details})
+        """Note what happens to a joint; states that are found anew at one instant are told once."""
+        told = {"time": t, "name": self.joints[k].name, "kind": kind, **details}
+        if kind == "impact" or told not in itertools.takewhile(lambda x: x["time"] == t, self._log[::-1]):
+            self.counts[kind] += 1
+            self._log.append(told)

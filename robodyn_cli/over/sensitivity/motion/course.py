@@ -17,9 +17,17 @@ from robodyn_cli.equations.control.control import NOISE
 from robodyn_cli.equations.discontinuities import is_of_time
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
+from robodyn_cli.formulations.events import (
+    Event,
+    EventFunction,
+    EventKind,
+    Jump,
+    Jumped,
+    Leap,
+    Outcome,
+    Owner,
+)
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Met
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latch_states import LatchStates
 from robodyn_cli.motion.driver import Driver
@@ -154,7 +162,7 @@ def _met(motion: Motion, end: float) -> list[Switch]:
     ]
 
 
-def _closings(motion: Motion, met: Sequence[Met]) -> list[Switch]:
+def _closings(motion: Motion, met: Sequence[Jumped]) -> list[Switch]:
     """Return the closings of latches among what a motion has met.
 
     Raises
@@ -162,7 +170,8 @@ def _closings(motion: Motion, met: Sequence[Met]) -> list[Switch]:
     CapabilityError : several close together.
     """
     switches = []
-    for time, _, before, _, behind in met:
+    for one in met:
+        time, before, behind = one.time, one.parameters_before, one.parameters_behind
         closed = [row for row in motion.problem.latches if behind[row.place] != before[row.place]]
         if len(closed) > 1:
             raise CapabilityError("latches close together")
