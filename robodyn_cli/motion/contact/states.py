@@ -40,8 +40,7 @@ AT_REST = 1e-13  # a rate this small, relative to the largest, is zero
 FORCE = 1e-9  # a multiplier may pass its bound by this part of the largest one, for rounding
 COMBINATIONS = 6561  # of contact states that are tried where pivoting does not end
 CASCADE = 1000  # impacts at one instant, each caused by the one before
-CROWD = 1000  # so many events within this part of the time so far (or of a second) get nowhere
-CROWDED = 1e-5
+CROWD, CROWDED = 1000, 1e-5  # so many events within this part of the time so far (or of a second) get nowhere
 LATER = 0.1  # a second integration follows bounces longer, or both would come to rest after the same one
 FLIGHT = 1 / 8  # the first step after an impact, as a part of the time to the next one
 
@@ -71,9 +70,8 @@ class ContactStates(Watcher):
         self.system, q = motion.system, motion.assembled.q
         psi = self.problem.numbers(self.problem.psi, q).reshape(-1, self.problem.model.nv)
         check_freedom(self.joints, psi, rank_tolerance(self.problem, q))
-        self._rates = SampleKernel(
-            {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, STATE_GROUPS
-        )
+        rates = {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}
+        self._rates = SampleKernel(rates, STATE_GROUPS)
         matrices = {"M": list(self.problem.mass_matrix.ravel()), "psi": list(self.problem.psi.ravel())}
         self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, STATE_GROUPS)
         self._clear()
