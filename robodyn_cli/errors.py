@@ -164,7 +164,8 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
     many the one without."""
     options = list(options)
     near = max((x for x in options if word.startswith(f"{x}.")), key=len, default=None)
-    near = near if near is not None else nearest_word(word, options)
+    if near is None or any(x.startswith(f"{near}.") for x in options):
+        near = nearest_word(word, options)
     return f" (did you mean {near!r}?)" if near is not None else ""
 
 

@@ -79,7 +79,8 @@ def test_multipliers_that_are_not_unique_are_said_to_be_so(command: str, tmp_pat
     benchmarks = ROOT / "configs" / "benchmarks"
     out = ("--out", tmp_path, "--no-plots")
     done = invoke(command, benchmarks / "bennett.yaml", *options, *out)
-    assert done.code == 0 and "depend on each other" in done.out and "least norm" in done.out
+    assert done.code == 0 and "least norm" in done.out
+    assert "redundant rows" in done.out or "depend on each other" in done.out
     stored = read(tmp_path / "result.h5").variables["constraints/multipliers"]
     assert "least norm" in stored.long_name
     if command == "simulate":

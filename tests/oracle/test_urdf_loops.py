@@ -223,7 +223,7 @@ def test_types_of_joints_beside(tmp_path: Path) -> None:
         ('<constraint name="c" type="position"><predecessor link="link5"/></constraint>', "a draft of URDF"),
         ('<coupling name="k"><predecessor link="link1"/><successor link="ground"/></coupling>', "relates 1 joint"),
         ('<loop_joint name="s" type="revolute"/>', "unknown type 'revolute'"),
-        ('<loop_joint name="s" type="spherical"><link1 link="link5"/>\n<link1 link="link9"/></loop_joint>', "one <link1> and one <link2>"),
+        ('<loop_joint name="s" type="spherical"><link1 link="link5"/>\n<link1 link="link9"/></loop_joint>', "a second <link1> and no <link2>"),
         ('<loop name="l" type="fixed"><predecessor link="link5"/><successor link="link9"/>\n<limit lower="1"/></loop>',
          "<limit> in <loop> is not known; read: predecessor, successor, axis"),
         ('<loop name="l" type="fixed"><predecessor link="link5">\n<orign/></predecessor><successor link="link9"/></loop>',

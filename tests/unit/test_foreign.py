@@ -26,7 +26,7 @@ from tests.source import PACKAGE, files, tree_of
 OPENERS = {
     "foreign.py", "kernels/cache.py", "cli/console.py", "cli/interrupts.py", "results/atomic.py", "results/export.py",
     "results/hdf5/low.py", "results/hdf5/reader.py", "results/summary.py",
-    "motion/going_on.py", "over/study/rows.py", "kernels/compiler.py", "robots/collection.py",
+    "motion/going_on.py", "over/export/mcap.py", "over/study/rows.py", "kernels/compiler.py", "robots/collection.py",
     "report/page/page.py", "version.py",
 }  # fmt: skip
 
