@@ -27,6 +27,7 @@ from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import JointMotion
 
 SURE = 1e-5  # smallest over largest singular value of J above which no rank is being lost
+MOVED = 1e-6  # of the coordinate that a freedom moves most, from which on it moves another
 AGREE = 1e-6  # of the largest rate asked for, up to which rates agree
 
 
@@ -121,12 +122,15 @@ def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t:
     """
     _, J = conditions.at(q, t)
     J = J * conditions.lengths / conditions.sizes[:, None]
-    rows = len(conditions.names) - conditions.led
-    free = problem.model.nv - rank(J[:rows])
+    rows, model = len(conditions.names) - conditions.led, problem.model
+    free = model.nv - rank(J[:rows])
     if free > conditions.led:
+        left = np.linalg.norm(np.linalg.svd(J)[2][rank(J) :], axis=0)
+        moved = dict.fromkeys(model.joint_of(int(k)) for k in np.flatnonzero(left > MOVED * left.max()))
         raise CapabilityError(
             f"the mechanism has {free} degrees of freedom there beside its prescribed joints, and the trajectory leads "
-            f"{conditions.led}; lead {free} joints"
+            f"{conditions.led}, which leaves {listed(list(moved))} free to move; allowed: lead {free} joints, or "
+            "simulate, with what is led in 'prescribed', where the others move as their forces let them"
         )
 
 

@@ -16,6 +16,8 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
 
+FEASIBLE = 1e-9  # of the largest load, up to which what no actuator gives is rounding
+KEPT = 1e-7  # the same of the changes of loads
 REFINED = 3  # solutions of the same equations, each of what is left by the ones before
 
 
@@ -31,19 +33,24 @@ class LostRank(Exception):
         self.what, self.sample, self.weights, self.passed = what, sample, weights, passed
 
 
-class TooFewActuators(Exception):
-    """The actuators command only ``commanded`` of the mechanism's ``freedom`` degrees of freedom."""
+class Unbalanced(Exception):
+    """The actuators command only ``commanded`` of ``freedom`` degrees of freedom, and the others have a load.
 
-    def __init__(self, freedom: int, commanded: int) -> None:
+    sample : where the most is left. left : (nv,) of the load there that neither they nor the loops can give, in the
+    least squares.
+    """
+
+    def __init__(self, freedom: int, commanded: int, sample: int, left: Array) -> None:
         super().__init__()
-        self.freedom, self.commanded = freedom, commanded
+        self.freedom, self.commanded, self.sample, self.left = freedom, commanded, sample, left
 
 
 @record
 class Shared:
     """Torques by term (T, nv), zero without an actuator; multipliers (T, m); N (T, nv, f).
 
-    freedom : degrees of freedom f. unique_torques, unique_multipliers : whether there is no other way to share;
+    freedom : degrees of freedom f. commanded : those in which actuators give forces; the load is zero in the others.
+    unique_torques, unique_multipliers : whether there is no other way to share;
     otherwise those of least norm are given. residual : largest |u - B tau - Psi^T lambda|.
     """
 
@@ -51,6 +58,7 @@ class Shared:
     multipliers: Array
     N: Array
     freedom: int
+    commanded: int
     unique_torques: bool
     unique_multipliers: bool
     residual: float
@@ -64,7 +72,10 @@ class Shared:
     @property
     def uniqueness(self) -> tuple[str, str]:
         """In words, whether the torques, and the multipliers, are unique."""
-        torques = "unique" if self.unique_torques else "least norm: more actuators than degrees of freedom"
+        more = "more actuators than degrees of freedom that they command"
+        if self.commanded == self.freedom:
+            more = "more actuators than degrees of freedom"
+        torques = "unique" if self.unique_torques else f"least norm: {more}"
         return torques, "unique" if self.unique_multipliers else "least norm: redundant rows"
 
 
@@ -101,27 +112,22 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
 
     Raises
     ------
-    TooFewActuators, LostRank
+    Unbalanced, LostRank
     """
     N, rank = allowed_motions(psi)
     samples, nv, freedom = N.shape
     columns = list(actuated)
     A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
     terms = {name: np.zeros((samples, nv), order="F") for name in needed}
-    if freedom:
-        U, s, _ = (
-            np.linalg.svd(A)
-            if columns
-            else (np.zeros((samples, freedom, freedom)), np.zeros((samples, 0)), None)
-        )
+    commanded = 0
+    if freedom and columns:
+        U, s, _ = np.linalg.svd(A)
         held = (s > RANK).sum(axis=1)
         commanded = int(held.max(initial=0))
-        if commanded < freedom:
-            raise TooFewActuators(freedom, commanded)
-        if np.any(held < freedom):
+        if np.any(held < commanded):
             sample = int(np.argmin(held))
-            raise LostRank("actuators", sample, np.abs(N[sample] @ U[sample][:, -1]))
-        if len(columns) == freedom and rank == psi.shape[1]:
+            raise LostRank("actuators", sample, np.abs(N[sample] @ U[sample][:, commanded - 1]))
+        if len(columns) == freedom == commanded and rank == psi.shape[1]:
             _refuse_passing(psi, columns, A, N)
         inverse = np.linalg.pinv(A, rcond=RANK)
         for name, u in needed.items():
@@ -134,9 +140,11 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
     if m:
         lam = np.einsum("tmv,tv->tm", np.linalg.pinv(np.swapaxes(psi, 1, 2), rcond=RANK), rest)
     left = rest - np.einsum("tmv,tm->tv", psi, lam)
-    return Shared(
-        terms, lam, N, freedom, len(columns) <= freedom, rank == m, float(np.abs(left).max(initial=0.0))
-    )
+    residual = float(np.abs(left).max(initial=0.0))
+    if commanded < freedom and residual > FEASIBLE * float(np.abs([*needed.values()]).max(initial=0.0)):
+        sample = int(np.abs(left).max(axis=1).argmax())
+        raise Unbalanced(freedom, commanded, sample, left[sample])
+    return Shared(terms, lam, N, freedom, commanded, len(columns) <= commanded, rank == m, residual)
 
 
 def _refuse_passing(psi: Array, columns: list[int], A: Array, N: Array) -> None:
@@ -173,6 +181,10 @@ def share_change(
     ----------
     psi, psi_change : (T, m, nv). actuated : velocity coordinates. shared : how the load is shared. load_change : of the
         load (T, nv).
+
+    Raises
+    ------
+    Unbalanced : passive freedoms that the load leaves alone do not stay so.
     """
     columns, N = list(actuated), shared.N
     lam, tau = shared.multipliers, shared.tau
@@ -185,9 +197,15 @@ def share_change(
         right = np.einsum("tvf,tv->tf", N, rest)
         dtau[:, columns] = least_norm_change(A, tau[:, columns], np.swapaxes(dN, 1, 2)[:, :, columns], right)
     back = rest - dtau
-    if not psi.shape[1]:
-        return dtau, np.zeros((len(psi), 0))
-    return dtau, least_norm_change(np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back)
+    dlam = np.zeros(lam.shape)
+    if psi.shape[1]:
+        dlam = least_norm_change(np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back)
+    left = back - np.einsum("tmv,tm->tv", psi, dlam)
+    most = max(float(np.abs(x).max(initial=0.0)) for x in (load_change, rest, dtau))
+    if shared.commanded < shared.freedom and np.abs(left).max(initial=0.0) > KEPT * most:
+        sample = int(np.abs(left).max(axis=1).argmax())
+        raise Unbalanced(shared.freedom, shared.commanded, sample, left[sample])
+    return dtau, dlam
 
 
 def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:

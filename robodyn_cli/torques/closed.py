@@ -12,23 +12,30 @@ import numpy as np
 from robodyn_cli.equations.gears import geared, losses_along
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Outputs
-from robodyn_cli.errors import CapabilityError, SceneError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, SceneError, SingularConfigurationError, listed
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, leads_apart, velocity_places
 from robodyn_cli.given.motion import Planned, motion_duration
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.observe import add_rows
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, accelerations, share
+from robodyn_cli.solve.load_sharing import LostRank, Shared, Unbalanced, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import AlongMotion, InverseProgram, LoopSamples, Sampled, expressions_of
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
+
+PASSIVE = (  # what goes where actuators cannot give a motion
+    "a motion that the passive freedoms take by themselves, or simulate, with what is led in 'prescribed', where they "
+    "move as their forces let them"
+)
+SHOWN = 1e-6  # of the largest load left, from which on a joint is told with it
 
 
 def refuse_idle_gears(problem: Problem, driven: Sequence[int]) -> None:
@@ -59,19 +66,46 @@ def share_load(
 
     Raises
     ------
-    CapabilityError : too few actuators. SingularConfigurationError : loops or actuators lose their hold at a sample.
+    CapabilityError : passive freedoms have a load. SingularConfigurationError : loops or actuators
+    lose their hold at a sample.
     """
     try:
         return share(psi, driven, needed)
-    except TooFewActuators as few:
-        names = ", ".join(problem.model.joint_of(k) for k in driven)
-        raise CapabilityError(
-            f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
-            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'",
-            key="actuated",
-        ) from None
+    except Unbalanced as lacking:
+        when = f" at t = {float(times[lacking.sample]):.9g} s"
+        raise unbalanced(problem, lacking, driven, PASSIVE, when) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, times, q) from None
+
+
+def unbalanced(
+    problem: Problem, lacking: Unbalanced, driven: Sequence[int], allowed: str, when: str = ""
+) -> CapabilityError:
+    """Return the error of a load that passive freedoms do not let the actuators give, with what is left of it.
+
+    allowed : what is, in words. when : it is, likewise.
+    """
+    model = problem.model
+    worst = int(np.abs(lacking.left).argmax())
+    size = np.abs(lacking.left) / np.abs(lacking.left).max()
+    moved = list(dict.fromkeys(model.joint_of(int(k)) for k in np.flatnonzero(size > SHOWN)))
+    names = ", ".join(dict.fromkeys(model.joint_of(k) for k in driven)) or "none"
+    most = f"{abs(float(lacking.left[worst])):.6g} {TORQUE[model.v_units[worst]]} in joint {model.joint_of(worst)!r}"
+    others = [name for name in moved if name != model.joint_of(worst)]
+    return CapabilityError(
+        f"the mechanism has {lacking.freedom} degrees of freedom, and its actuated joints ({names}) command "
+        f"{lacking.commanded} of them: at best their torques leave {most}{when}"
+        + (f" (a motion that moves {listed(others)} too)" if others else "")
+        + f"; allowed: more joints in 'actuated', {allowed}",
+        key="actuated", residual=abs(float(lacking.left[worst])), joint=model.joint_of(worst),
+    )  # fmt: skip
+
+
+def unbalanced_by_a_key(problem: Problem, lacking: Unbalanced, driven: Sequence[int]) -> CapabilityError:
+    """Return the error of a derivative with respect to a key with which passive freedoms do not stay balanced."""
+    return unbalanced(
+        problem, lacking, driven, "or keys that leave the passive freedoms balanced", " for a change of 1"
+    )
 
 
 def lost_rank(problem: Problem, lost: LostRank, times: Array, q: Array) -> SingularConfigurationError:
@@ -180,7 +214,7 @@ class ClosedLoops(InverseProgram):
         psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
         try:
             tau = share(psi, sampled.loops.driven, loads).tau
-        except (LostRank, TooFewActuators):
+        except (LostRank, Unbalanced):
             return None
         if not geared(self.problem.model):
             return tau

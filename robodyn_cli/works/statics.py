@@ -25,13 +25,13 @@ from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerances
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import Assembled, assemble
-from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
+from robodyn_cli.solve.load_sharing import LostRank, Shared, Unbalanced, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, PeakLoads, Termination
 from robodyn_cli.summaries.mechanism import ForceResidual, Held, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
-from robodyn_cli.torques.closed import lost_rank
+from robodyn_cli.torques.closed import lost_rank, unbalanced
 from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.works.equilibria import AtRest, balanced, refuse_unknown
@@ -90,21 +90,22 @@ def _shared(
 ) -> Shared:
     columns = velocity_places(problem.model, names)
     try:
-        return share(psi[None], columns, needed)
-    except TooFewActuators as few:
-        if len(columns) >= few.freedom:
-            raise SingularConfigurationError(
-                f"dead point of the actuators: {', '.join(names)} cannot hold the mechanism in this configuration, "
-                f"which leaves {few.freedom - few.commanded} of its {few.freedom} degrees of freedom to itself",
-                key="actuated", kind="dead_point", q=q.tolist(),
-            ) from None  # fmt: skip
-        raise CapabilityError(
-            f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({', '.join(names)}) hold "
-            f"{few.commanded} of them; name more in 'actuated', or find the balance (statics.find: balance)",
-            key="actuated",
-        ) from None
+        shared = share(psi[None], columns, needed)
+        lacking = shared.commanded < shared.freedom <= len(columns)
+        freedom, commanded = shared.freedom, shared.commanded
+    except Unbalanced as found:
+        if len(columns) < found.freedom:
+            raise unbalanced(problem, found, columns, "or the balance (statics.find: balance)") from None
+        lacking, freedom, commanded = True, found.freedom, found.commanded
     except LostRank as lost:
         raise lost_rank(problem, lost, np.zeros(1), q[None]) from None
+    if lacking:
+        raise SingularConfigurationError(
+            f"dead point of the actuators: {', '.join(names)} cannot hold the mechanism in this configuration, "
+            f"which leaves {freedom - commanded} of its {freedom} degrees of freedom to itself",
+            key="actuated", kind="dead_point", q=q.tolist(),
+        )  # fmt: skip
+    return shared
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

@@ -194,7 +194,7 @@ def test_what_stands_in_the_way_is_named() -> None:
     none = "torques=null"
     refusal(SceneError, "'trajectory' is missing", SLIDER, none)
     one = "trajectory={type: joint, duration: 1, q: {a: 2.2 + t}}"
-    refusal(CapabilityError, "2 degrees of freedom.*leads 1; lead 2", FIVE_BAR, one)
+    refusal(CapabilityError, "2 degrees of freedom.*leads 1, .*free to move; allowed: lead 2", FIVE_BAR, one)
     both = "trajectory={type: joint, duration: 0.2, q: {a: 2.2 + t, c: 0.9 - t}}"
     refusal(CapabilityError, r"2 degrees of freedom.*\(a\) command 1", FIVE_BAR, both, "actuated=[a]")
     too_much = "trajectory={type: joint, duration: 1, q: {crank: 0.2 + t, slide: 1.19 + 0.1*t}}"

@@ -26,13 +26,13 @@ from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_nth, s
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import share_change
+from robodyn_cli.solve.load_sharing import Unbalanced, share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures, turning
-from robodyn_cli.torques.closed import ClosedLoops
+from robodyn_cli.torques.closed import ClosedLoops, unbalanced_by_a_key
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import evaluated_at, looked_at, program_of
 
@@ -121,9 +121,12 @@ class InverseSlopes:
         lam = np.zeros((len(tau), len(constraints.rows), len(self.numbers)))
         for k in range(len(self.numbers)):
             psi = psi_change[:, :, k].reshape(loops.psi.shape)
-            tau[:, :, k], lam[:, constraints.of_loops, k] = share_change(
-                loops.psi, loops.driven, loops.shared, psi, load_change[:, :, k]
-            )
+            try:
+                tau[:, :, k], lam[:, constraints.of_loops, k] = share_change(
+                    loops.psi, loops.driven, loops.shared, psi, load_change[:, :, k]
+                )
+            except Unbalanced as lacking:
+                raise unbalanced_by_a_key(self.problem, lacking, loops.driven) from None
         return tau, lam
 
     @staticmethod

@@ -28,9 +28,10 @@ from robodyn_cli.over.sensitivity.led import velocity_map
 from robodyn_cli.over.sensitivity.motion.ends import Closing, given_slopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
+from robodyn_cli.solve.load_sharing import Unbalanced, allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
+from robodyn_cli.torques.closed import unbalanced_by_a_key
 from robodyn_cli.works.equilibria import balanced, load_at_rest, staying
 from robodyn_cli.works.statics import assembled_at_rest, holding_joints, problem_of, terms_at_rest
 
@@ -168,7 +169,10 @@ class StaticsSlopes:
         shared = share(psi, columns, {"load": along["load"]})
         dJ = along.change("J", {"q": dq[None]}).reshape(-1, model.nv, len(self.numbers))[loops]
         dload = along.change("load", {"q": dq[None]})
-        pairs = [share_change(psi, columns, shared, dJ[None, :, :, k], dload[:, :, k]) for k in keys]
+        try:
+            pairs = [share_change(psi, columns, shared, dJ[None, :, :, k], dload[:, :, k]) for k in keys]
+        except Unbalanced as lacking:
+            raise unbalanced_by_a_key(problem, lacking, columns) from None
         lam, dlam = np.zeros(len(constraints.rows)), np.zeros((len(constraints.rows), len(self.numbers)))
         lam[loops], dlam[loops] = shared.multipliers[0], np.stack([change[0] for _, change in pairs], axis=1)
         dtau = np.stack([change[0] for change, _ in pairs], axis=1)
