@@ -6,7 +6,10 @@ import functools
 import hashlib
 import os
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
+
+# The address of the repository, which its owner writes here; the built package says none as long as it is "".
+REPOSITORY = ""
 
 
 @functools.cache

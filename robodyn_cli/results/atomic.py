@@ -105,6 +105,28 @@ def write_new(target: Path, text: str) -> None:
             discard(temporary)
 
 
+def write_alike(texts: Mapping[Path, str]) -> None:
+    """Write text files, never over other ones: those that are there with the same text stay.
+
+    Raises
+    ------
+    OutputError : there is another file of such a name, or one cannot be written; nothing has been written then if a name is taken.
+    """
+    missing = {path: text for path, text in texts.items() if not _holds(path, text)}
+    if taken := next(filter(os.path.lexists, missing), None):
+        raise OutputError(f"{taken} exists already and is another file; choose another folder, or remove it")
+    for path, text in missing.items():
+        with output_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_new(path, text)
+
+
+def _holds(path: Path, text: str) -> bool:
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        return path.is_file() and path.read_text(encoding="utf-8") == text
+    return False
+
+
 @contextlib.contextmanager
 def written(target: Path) -> Iterator[Path]:
     """Give a name to write to; what is there when the block ends becomes ``target``, and nothing if it fails.

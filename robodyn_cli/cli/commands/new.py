@@ -27,7 +27,11 @@ def command(
     ] = None,
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="File to write; default: KIND.yaml.", show_default=False),
+        typer.Argument(
+            metavar="[FILE]",
+            help="File to write; default: KIND.yaml. With --example the folder to write into; default: configs.",
+            show_default=False,
+        ),
     ] = None,
     robot: Annotated[
         str | None,
@@ -40,22 +44,57 @@ def command(
             "or stewart_platform.",
         ),
     ] = None,
+    example: Annotated[
+        str | None,
+        typer.Option(
+            "--example",
+            metavar="NAME",
+            parser=utf8,
+            help="An example scene in place of KIND, with the files that it reads: 2r_circle, double_pendulum, "
+            "four_bar_deploy, mechanisms/solar_array, ...; an unknown NAME lists all.",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> int:
-    """Write a starter, never over another file; return the exit code."""
+    """Write a starter or an example, never over another file; return the exit code."""
     from robodyn_cli.errors import CapabilityError
+
+    beside = [option for option in (robot, example) if option is not None]
+    if beside and file is None and kind is not None:
+        file, kind = Path(kind), None
+    if len(beside) + (kind is not None) != 1:
+        raise CapabilityError(
+            "needs the kind of a scene, or --from with a robot, or --example with a scene; see 'robodyn new --help'"
+        )
+    console = Console(quiet=quiet)
+    if example is not None:
+        return _example(example, file or Path("configs"), console)
+    return _template(_robot(robot) if robot is not None else _starter(str(kind)), file, robot or kind, console)
+
+
+def _template(template: StarterRobot | Starter, file: Path | None, name: str | None, console: Console) -> int:
     from robodyn_cli.results.atomic import write_new
 
-    if robot is not None and file is None and kind is not None:
-        file, kind = Path(kind), None
-    if (kind is None) == (robot is None):
-        raise CapabilityError(
-            "needs either the kind of a scene or --from with a robot; see 'robodyn new --help'"
-        )
-    template = _robot(robot) if robot is not None else _starter(str(kind))
-    path = file or Path(f"{robot or kind}.yaml")
+    path = file or Path(f"{name}.yaml")
     write_new(path, template.text(str(path)))
-    Console(quiet=quiet).say(f"{path}: {template.title}. Run it: robodyn {template.command} {path}")
+    console.say(f"{path}: {template.title}. Run it: robodyn {template.command} {path}")
+    return 0
+
+
+def _example(name: str, target: Path, console: Console) -> int:
+    from robodyn_cli.results.atomic import write_alike
+    from robodyn_cli.robots.examples import examples_folder, find_example, texts_of
+    from robodyn_cli.scene.load import load_scene
+
+    folder = examples_folder()
+    path = find_example(name, folder)
+    scene = load_scene(path)
+    texts = {target / place: text for place, text in texts_of(path, scene.sources, folder).items()}
+    write_alike(texts)
+    first, *others = texts
+    console.say(f"{first}: {scene.title}. Run it: robodyn {scene.command} {first}")
+    if others:
+        console.say(f"  with {', '.join(map(str, others))}")
     return 0
 
 
