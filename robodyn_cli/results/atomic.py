@@ -110,7 +110,7 @@ def write_alike(texts: Mapping[Path, str]) -> None:
 
     Raises
     ------
-    OutputError : there is another file of such a name, or one cannot be written; nothing has been written then if a name is taken.
+    OutputError : there is another file of such a name (then nothing is written), or one cannot be written.
     """
     missing = {path: text for path, text in texts.items() if not _holds(path, text)}
     if taken := next(filter(os.path.lexists, missing), None):

@@ -1,4 +1,4 @@
-"""The example scenes of ``robodyn new --example``: the folder ``configs`` of the repository, a part of each built package."""
+"""The example scenes of ``robodyn new --example``: the repository's ``configs``, which each built package holds."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ def find_example(name: str, folder: Path) -> Path:
 
 
 def texts_of(scene: Path, sources: tuple[str, ...], folder: Path) -> dict[str, str]:
-    """Return what belongs to a scene by its place below the folder: itself, the files that it reads, and their licences.
+    """Return what belongs to a scene by its place below the folder: itself, files that it reads there, licences.
 
     Parameters
     ----------
-    scene : its file. sources : the files that it was read from.
+    scene : its file. sources : the files that it was read from; those elsewhere are parts of the program.
     """
-    paths = dict.fromkeys((scene, *map(Path, sources)))
-    licences = dict.fromkeys(path.parent / LICENCES for path in paths if (path.parent / LICENCES).is_file())
-    return {
-        path.resolve().relative_to(folder.resolve()).as_posix(): path.read_text(encoding="utf-8")
-        for path in (*paths, *licences)
-    }
+    root = folder.resolve()
+    read = dict.fromkeys(path.resolve() for path in (scene, *map(Path, sources)))
+    inside = [path for path in read if path.is_relative_to(root)]
+    licences = dict.fromkeys(path.parent / LICENCES for path in inside)
+    files = (*inside, *(path for path in licences if path.is_file()))
+    return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in files}

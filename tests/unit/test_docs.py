@@ -26,6 +26,7 @@ from robodyn_cli.over.work_precision.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.catalogue import GROUPS
 from robodyn_cli.results.result import Result
+from robodyn_cli.robots.examples import find_example
 from robodyn_cli.scene.starters import STARTERS
 from robodyn_cli.summaries.keys import EVERY_RUN
 from tests.leaves import undeclared
@@ -191,7 +192,8 @@ def shell_lines() -> list[tuple[str, str]]:
         (page.name, line.partition("  #")[0].strip())
         for page in PAGES
         for block, _ in blocks(page.read_text("utf-8"), "sh")
-        for line in block.splitlines()
+        for whole in block.splitlines()
+        for line in whole.split(" && ")
         if line.startswith("robodyn ")
     ]
 
@@ -200,7 +202,7 @@ def shell_lines() -> list[tuple[str, str]]:
 def test_shell_examples_are_possible(page: str, line: str) -> None:
     command, *rest = shlex.split(line.partition(" > ")[0])[1:]
     flags = {name for p in COMMANDS[command].params if getattr(p, "is_flag", False) for name in p.opts}
-    scenes, overrides = [], []
+    scenes, overrides, value = [], [], ""
     while rest:
         word = rest.pop(0)
         if not word.startswith("-"):
@@ -210,7 +212,7 @@ def test_shell_examples_are_possible(page: str, line: str) -> None:
         value = "" if word in flags else rest.pop(0)
         overrides += [value] if word == "--set" else []
     if command == "new":
-        assert scenes[0] in STARTERS
+        assert (scenes and scenes[0] in STARTERS) or find_example(value, ROOT / "configs")
         return
     for scene in scenes:
         found = list(ROOT.glob(scene))

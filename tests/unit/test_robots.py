@@ -59,7 +59,7 @@ def test_usage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert invoke("new", "--from", "cart_pole").code == 74
     for words in (["--from", "cart_pol"], [], ["simulate", "x.yaml", "--from", "cart_pole"]):
         done = invoke("new", *words)
-        assert done.code == 2 and ("did you mean 'cart_pole'" in done.err or "either the kind" in done.err)
+        assert done.code == 2 and ("did you mean 'cart_pole'" in done.err or "needs the kind" in done.err)
 
 
 # -- closed forms --------------------------------------------------------------------------------------------

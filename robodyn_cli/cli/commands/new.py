@@ -69,7 +69,9 @@ def command(
     console = Console(quiet=quiet)
     if example is not None:
         return _example(example, file or Path("configs"), console)
-    return _template(_robot(robot) if robot is not None else _starter(str(kind)), file, robot or kind, console)
+    return _template(
+        _robot(robot) if robot is not None else _starter(str(kind)), file, robot or kind, console
+    )
 
 
 def _template(template: StarterRobot | Starter, file: Path | None, name: str | None, console: Console) -> int:
