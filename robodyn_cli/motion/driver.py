@@ -81,7 +81,8 @@ class Driver:
     supervisor : may change the method. parameters : values of p; by default those of the system.
 
     tick, where set, is told the time every few milliseconds of a run. end : of the present one [s]. changes : of the
-    method on the way. met, where it is a list, takes what the motion has met where it may have jumped.
+    method on the way. met, where it is a list, takes what the motion has met where it may have jumped, and noted the
+    times [s] after every so many steps.
     """
 
     def __init__(
@@ -102,6 +103,8 @@ class Driver:
         self.tick: Callable[[float], None] | None = None
         self.end = 0.0
         self.met: list[Jumped] | None = None
+        self.noted: list[float] | None = None
+        self.every = 1
         self._paused = (0.0, 0)  # time and steps when the supervisor was last asked
         self.first = method
         self._begin_anew()
@@ -186,6 +189,7 @@ class Driver:
 
     def _go_on_from(self, time: float, state: Array) -> None:
         self.integrator.tick, self.integrator.met = self.tick, self.met
+        self.integrator.noted, self.integrator.every = self.noted, self.every
         self.integrator.reset(time, state, self.options)
         self.integrator.before = self._done.attempts
         self._set_pause()

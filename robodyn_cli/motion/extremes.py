@@ -19,7 +19,6 @@ from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.events import Jumped
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.stepping.stepper import SLACK
-from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import FirstRun, driver_again
@@ -35,7 +34,7 @@ from robodyn_cli.observe.control import signals_of
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.solve.peaks import ROUNDED, Cut, Peaks, Piece, Windows, pieces
+from robodyn_cli.solve.peaks import ROUNDED, Cut, Piece, Windows, pieces
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
@@ -45,27 +44,6 @@ from robodyn_cli.summaries.motion import MotionErrors
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
-
-
-class StepTimes:
-    """Notes the times at which steps end, of every so many; changes the method as another supervisor does."""
-
-    def __init__(self, other: Supervisor | None, every: int = 1) -> None:
-        self.other, self.every = other, every
-        self.times: list[float] = []
-        self.steps = self._next(0)
-
-    def _next(self, attempts: int) -> int:
-        asks = None if self.other is None else self.other.steps
-        return attempts + self.every if asks is None else min(attempts + self.every, asks)
-
-    def reconsider(self, driver: Driver) -> MethodChange | None:
-        self.times.append(driver.time)
-        asks, change = None if self.other is None else self.other.steps, None
-        if self.other is not None and asks is not None and driver.attempts >= asks:
-            change = self.other.reconsider(driver)
-        self.steps = self._next(driver.attempts)
-        return change
 
 
 @record
@@ -132,23 +110,21 @@ class CloseSamples:
 
 @record
 class ColumnPeaks:
-    """The peaks of columns in an integration, low and high, and their values at the end (n,)."""
+    """The peaks of columns in an integration, and their values at the end (n,)."""
 
     columns: Sequence[ChosenColumn]
-    low: Peaks
-    high: Peaks
+    windows: Windows
     final: Array
 
     @staticmethod
     def of(samples: CloseSamples, columns: Sequence[ChosenColumn]) -> ColumnPeaks:
         """Return the peaks between close samples."""
         parts, final = samples.pieces(columns)
-        windows = Windows.of(parts)
-        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), final)
+        return ColumnPeaks(columns, Windows(parts), final)
 
     def extremes(self, k: int, low_doubt: float = 0.0, high_doubt: float = 0.0) -> Extremes:
         """Return the extremes of a column; doubts : how far its values may be off beside what is between samples."""
-        low, high = self.low.best(-1.0, k, low_doubt), self.high.best(1.0, k, high_doubt)
+        low, high = self.windows.best(-1.0, k, low_doubt), self.windows.best(1.0, k, high_doubt)
         return self.columns[k].extremes(low, high, float(self.final[k]))
 
     def beside(self, k: int, other: Extremes, factor: float, rounded: float) -> Extremes:
@@ -213,11 +189,9 @@ class RecordedMotion:
         if not columns:
             return {}
         own = ColumnPeaks.of(self.own, columns)
-        found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
-        if self.again is None:
-            return found
-        if self.other is None:
-            return {name: _unsure(one) for name, one in found.items()}
+        if self.again is None or self.other is None:
+            found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
+            return found if self.again is None else {name: _unsure(one) for name, one in found.items()}
         other, factor = ColumnPeaks.of(self.other, columns), self.factor(self.other)
         return {
             column.name: own.beside(k, other.extremes(k), factor, self._rounded)
@@ -282,16 +256,10 @@ class RecordedMotion:
     def _steps(self, run: FirstRun, options: Options) -> Steps:
         """Integrate, and return the steps."""
         driver, start, watch = driver_again(self.motion, run, options)
-        every = max(1, int(run.steps[0]) // STRETCHES)
-        driver.met = []
-        if watch or driver.supervisor is not None or self.motion.system.partition is not None:
-            noted = driver.supervisor = StepTimes(driver.supervisor, every)
-            start()
-            driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
-            ended = noted.times
-        else:
-            start()
-            ended = driver.integrator.advance(run.end, every)
+        ended: list[float] = []
+        driver.met, driver.noted, driver.every = [], ended, max(1, int(run.steps[0]) // STRETCHES)
+        start()
+        driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
         begin, end = run.beginning.time, run.end
         times = np.unique([begin, *ended, *(event.time for event in driver.met), *self._cuts(run), end])
         return Steps(times[(times >= begin) & (times <= end)], driver.counters.steps)

@@ -110,12 +110,17 @@ Block = tuple[Array, Array, Array]  # times (T,), states (T, nx), parameters (n,
 def values_of(observer: Observer, columns: Sequence[ChosenColumn], blocks: Iterable[Block]) -> Array:
     """Return the values (T, n) of columns at states, block by block; those with the same parameters at once."""
     parts = []
+    of_motion = all(column.path in ("q", "qd") for column in columns)
     for _, group in itertools.groupby(blocks, lambda block: block[2].tobytes()):
-        own = list(group)
-        t, x = (np.concatenate([block[k] for block in own]) for k in (0, 1))
-        observer.parameters = own[0][2]
+        alike = list(group)
+        t, x = (np.concatenate([block[k] for block in alike]) for k in (0, 1))
+        observer.parameters = alike[0][2]
         for first in range(0, len(t), AT_ONCE):
-            data = observer.observe(t[first : first + AT_ONCE], x[first : first + AT_ONCE], singular=False)
+            own = t[first : first + AT_ONCE], x[first : first + AT_ONCE]
+            if of_motion:  # which needs no equations
+                data = dict(zip(("q", "qd"), observer.system.split(observer.project(*own))))
+            else:
+                data = observer.observe(*own, singular=False)
             parts.append(np.column_stack([column.of(data) for column in columns]))
     return np.concatenate(parts)
 

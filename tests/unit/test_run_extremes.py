@@ -228,23 +228,47 @@ def test_peaks_of_pieces_are_found_with_their_errors() -> None:
     for k, (a, b) in enumerate(zip(ends, ends[1:])):
         t = np.linspace(a, b, 41 if b - a > 1e-6 else 2)
         parts.append((t, function(t) + 10.0 * k, a, b))
-    low, high = (Windows.of(parts).peaks(sign) for sign in (-1.0, 1.0))
+    windows = Windows(parts)
     dense = np.concatenate([function(np.linspace(a, b, 200001)) + 10.0 * k
                             for k, (a, b) in enumerate(zip(ends, ends[1:]))])  # fmt: skip
     for k in range(3):
-        least, off, _, _ = low.best(-1.0, k)
-        most, unsure, _, _ = high.best(1.0, k)
+        least, off, _, _ = windows.best(-1.0, k)
+        most, unsure, _, _ = windows.best(1.0, k)
         assert abs(least - dense[:, k].min()) <= off + 1e-9 and off < 1e-8
         assert abs(most - dense[:, k].max()) <= unsure + 1e-9 and unsure < 1e-8
 
 
 def test_errors_of_times_cover_peaks_that_are_as_large() -> None:
     t = np.linspace(0.0, 2.0 * math.pi, 161)
-    high = Windows.of([(t, np.sin(2.0 * t)[:, None], 0.0, t[-1])]).peaks(1.0)
+    high = Windows([(t, np.sin(2.0 * t)[:, None], 0.0, t[-1])])
     _, _, time, off = high.best(1.0, 0)
     assert time == pytest.approx(math.pi / 4, abs=1e-6) and off >= math.pi * (1.0 - 1e-6)
-    lower = Windows.of([(t, (np.sin(2.0 * t) - 1e-4 * t)[:, None], 0.0, t[-1])]).peaks(1.0)
+    lower = Windows([(t, (np.sin(2.0 * t) - 1e-4 * t)[:, None], 0.0, t[-1])])
     assert lower.best(1.0, 0)[3] < 1e-3 and lower.best(1.0, 0, 1e-3)[3] > 3.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_that_are_passed_over_hold_no_peak(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is found is the same to the bit as when all windows are looked at, for smooth and rough samples."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 3.0, 257)
+    phases, rates = rng.uniform(0.0, 6.3, (12, 3)), rng.uniform(0.5, 40.0, (12, 3))
+    y = np.sin(t[:, None, None] * rates + phases).sum(axis=1) + rng.choice([0.0, 1e-3, 1.0]) * rng.normal(
+        size=(257, 3)
+    )
+    jump = rng.normal(size=3)
+    parts = [(t[:129], y[:129], 0.0, 1.502), (t[129:], y[129:] + jump, 1.502, 3.0)]
+    found = [
+        [Windows(parts).best(sign, k, doubt) for sign in (-1.0, 1.0) for k in range(3)]
+        for doubt in (0.0, 0.3)
+    ]
+    monkeypatch.setattr("robodyn_cli.solve.peaks.BEYOND", np.inf)
+    looked = [
+        [Windows(parts).best(sign, k, doubt) for sign in (-1.0, 1.0) for k in range(3)]
+        for doubt in (0.0, 0.3)
+    ]
+    for own, all_of_them in zip(found, looked):
+        np.testing.assert_allclose(own, all_of_them, rtol=1e-14, atol=1e-14)
 
 
 def test_a_single_sample_between_jumps_says_that_it_does_not_know() -> None:
@@ -252,7 +276,7 @@ def test_a_single_sample_between_jumps_says_that_it_does_not_know() -> None:
         (np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), 0.0, 1.0),
         (np.array([1.5]), np.array([[5.0]]), 1.0, 2.0),
     ]
-    value, error, _, _ = Windows.of(parts).peaks(1.0).best(1.0, 0)
+    value, error, _, _ = Windows(parts).best(1.0, 0)
     assert value == 5.0 and error > 1.0
 
 

@@ -50,7 +50,8 @@ class Integrator:
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
 
-    ``tick`` is told the time every few milliseconds, ``met``, where set, takes the events. ``before`` : steps that
+    ``tick`` is told the time every few milliseconds, ``met``, where set, takes the events, and ``noted`` the time [s]
+    after every ``every`` attempts at steps of a run. ``before`` : steps that
     others have taken of the same run; they count for ``options.max_steps`` and ``pause``, after which a run comes back,
     between events.
     """
@@ -66,6 +67,8 @@ class Integrator:
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
         self.met: list[Jumped] | None = None
+        self.noted: list[float] | None = None
+        self.every = 1
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -123,7 +126,7 @@ class Integrator:
             self._watch(self.event_values(), signs)
 
     # -- running --------------------------------------------------------------------------------------
-    def _call(self, end: float, pause: int | None = None) -> Status:
+    def _call(self, end: float, pause: int | None = None, noted: list[float] | None = None) -> Status:
         w, n = self.w, self.n
         limit = min(self.options.max_steps, pause or self.options.max_steps) - self.before
         w[DoubleSlot.T_END] = end
@@ -141,12 +144,15 @@ class Integrator:
         while True:
             # return to Python every few milliseconds, to handle interrupts and report progress
             taken = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED]
-            n[IntegerSlot.MAX_STEPS] = most = self.engine.patience(taken, min(limit, taken + self._slice))
+            more = self._slice if noted is None else self.every
+            n[IntegerSlot.MAX_STEPS] = most = self.engine.patience(taken, min(limit, taken + more))
             start = perf_counter()
             status = self.engine.run_to_event()
             if status is not Status.MAX_STEPS or most >= limit:
                 return status
-            if (spent := perf_counter() - start) < SLICE_TIME:
+            if noted is not None:
+                noted.append(self.time)
+            elif (spent := perf_counter() - start) < SLICE_TIME:
                 self._slice *= 2
             elif spent > 4 * SLICE_TIME:
                 self._slice = max(1, self._slice // 2)
@@ -169,31 +175,19 @@ class Integrator:
                 w[place] = g
         self.n[IntegerSlot.WATCH] = 1
 
-    def advance(self, end: float, every: int = 0) -> list[float]:
-        """Integrate to ``end`` without samples or events; return the times [s] after every so many attempts at steps.
+    def advance(self, end: float) -> None:
+        """Integrate to ``end`` without samples or events.
 
         Raises
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
-        times: list[float] = []
         if self.system.partition is not None:  # re-partitions are events
             self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
-            return times
+            return
         self.n[IntegerSlot.WATCH], self.n[IntegerSlot.LAST_SAMPLE] = 0, -1
         for stop in self._stops(end):
-            while True:
-                pause = self._taken + every if every else None
-                status = self._call(stop, pause)
-                if status is not Status.MAX_STEPS or pause is None or pause >= self.options.max_steps:
-                    break
-                times.append(self.time)
-            self._check(status)
-        return times
-
-    @property
-    def _taken(self) -> int:
-        return int(self.n[IntegerSlot.ACCEPTED] + self.n[IntegerSlot.REJECTED])
+            self._check(self._call(stop))
 
     def _stops(self, end: float) -> Iterator[float]:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""
@@ -228,28 +222,27 @@ class Integrator:
         samples = SampleBlocks(self.engine, grid, emit, block, self.time)
         heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
-        if not watch:
-            n[IntegerSlot.WATCH] = 0
-        elif not n[IntegerSlot.WATCH]:
-            n[IntegerSlot.WATCH] = UNARMED
-
-        for stop in self._stops(end):
-            while True:
-                try:
-                    status = self._call(stop, self.pause)
-                except NumericalError:  # raised by ``tick``: keep the samples so far
-                    samples.flush()
-                    raise
-                samples.flush()
-                if status is Status.DONE:
-                    break
-                if status is Status.EVENT:
-                    self._crowd.refuse(s.events[n[IntegerSlot.EVENT]], self.memory.saved_w[DoubleSlot.T])
-                    outcome = self._handle(self._locate(stop, samples), heard)
-                    if outcome is not GO_ON:
-                        return outcome
-                else:
-                    self._check(status)
+        n[IntegerSlot.WATCH] = (n[IntegerSlot.WATCH] or UNARMED) if watch else 0
+        try:
+            for stop in self._stops(end):
+                while True:
+                    try:
+                        status = self._call(stop, self.pause, self.noted)
+                    finally:  # where ``tick`` raises, the samples so far are kept
+                        samples.flush()
+                    if status is Status.DONE:
+                        break
+                    if status is Status.EVENT:
+                        self._crowd.refuse(s.events[n[IntegerSlot.EVENT]], self.memory.saved_w[DoubleSlot.T])
+                        events = self._locate(stop, samples)
+                        samples.hand_on()
+                        outcome = self._handle(events, heard)
+                        if outcome is not GO_ON:
+                            return outcome
+                    else:
+                        self._check(status)
+        finally:
+            samples.hand_on()
         return self._handle(self._at_end(), heard) if watch else GO_ON
 
     def _handle(self, events: Sequence[Event], heard: EventKind | None) -> Outcome:

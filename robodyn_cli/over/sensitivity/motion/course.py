@@ -31,7 +31,6 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latch_states import LatchStates
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.extremes import StepTimes
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
@@ -202,10 +201,10 @@ class _Noting:
 def step_times(motion: Motion, end: float) -> list[float]:
     """Return the times [s] at which the integrator's steps end, up to ``end``."""
     driver, watch = _again(motion, motion.options)
-    steps = driver.supervisor = StepTimes(driver.supervisor)
+    driver.noted = []
     driver.start(0.0, motion.start)
     driver.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=watch)
-    return list(dict.fromkeys(time for time in steps.times if 0.0 < time < end))
+    return list(dict.fromkeys(time for time in driver.noted if 0.0 < time < end))
 
 
 def _again(motion: Motion, options: Options) -> tuple[Driver, bool]:
