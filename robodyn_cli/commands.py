@@ -111,7 +111,7 @@ COMMANDS: dict[str, Command] = {
         check="over.checks:simulate",
         summary=(
             "motion:MotionSummary",
-            "drives:ControlKeys",
+            "control:ControlKeys",
             "drives:DriveKeys",
             "drives:MotorisationKeys",
             "extremes:RunExtremes",
@@ -139,7 +139,7 @@ COMMANDS: dict[str, Command] = {
         check="over.checks:deploy",
         summary=(
             "motion:MotionSummary",
-            "drives:ControlKeys",
+            "control:ControlKeys",
             "deploy:DeploySummary",
             "extremes:RunExtremes",
             "drives:MotorisationKeys",

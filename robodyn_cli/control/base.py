@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
+from robodyn_cli.control.design import ControlDesign, Leading
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
@@ -114,6 +115,10 @@ class ControlLaw:
         """Report what single keys cannot tell, as (path below ``control``, message)."""
         yield from ()
 
+    def written(self, of: Leading) -> ControlDesign | None:
+        """Return the gains that its keys give, as a matrix; None of a law without such gains."""
+        return None
+
     def states(self, joints: Sequence[str]) -> list[tuple[str, float]]:
         """Return names and initial values of the law's own states, where it drives these joints."""
         return []
@@ -135,7 +140,8 @@ class ControlLaw:
 class Controller(ControlLaw):
     """The keys that all kinds share.
 
-    directions : (n, f) numbers of more driven joints than freedoms f, see ``DrivenJoints``.
+    directions : (n, f) numbers of more driven joints than freedoms f, see ``DrivenJoints``. design : what it is, where
+    that is found out before the equations are built.
     """
 
     joints: tuple[str, ...] | None = key(
@@ -169,6 +175,7 @@ class Controller(ControlLaw):
     )
     sensors: Sensors = key(Section(Sensors), default=Sensors(), doc="How it sees the joints.")
     directions: Any = dataclasses.field(default=None, compare=False, repr=False)
+    design: Any = dataclasses.field(default=None, compare=False, repr=False)
 
 
 @record

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import numpy as np
+
 from robodyn_cli.control.base import PER_JOINT, Follower, Problems, Situation, gain, tracking
+from robodyn_cli.control.design import ControlDesign, Leading, Named, WithErrors, columns_of, diagonal
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Boolean, Choice, Number, Section, key
 from robodyn_cli.trajectories.base import Lacks
@@ -19,8 +22,22 @@ class PdGains:
     kd: Any = gain("N m s/rad or N s/m", "Torque for each unit of the error's rate; likewise.")
 
 
+class WithPdGains(Follower):
+    """A law to which errors and their rates add torques."""
+
+    gains: Any
+
+    def written(self, of: Leading) -> ControlDesign | None:
+        gains = diagonal(of, self.gains.kp, self.gains.kd)
+        return ControlDesign(_loads(of), columns_of(of), WithErrors.exact(gains))
+
+
+def _loads(of: Leading) -> tuple[Named, ...]:
+    return tuple(map(Named, of.names, of.loads))
+
+
 @record
-class Pd(Follower):
+class Pd(WithPdGains):
     """``tau = kp e + kd e-dot`` with the error ``e = q_ref - q``."""
 
     type: str = key(Choice(("pd",)), doc="Kind of controller.")
@@ -54,6 +71,10 @@ class Pid(Follower):
     type: str = key(Choice(("pid",)), doc="Kind of controller.")
     gains: PidGains = key(Section(PidGains), doc="Its gains.")
 
+    def written(self, of: Leading) -> ControlDesign | None:
+        gains = diagonal(of, self.gains.kp, self.gains.kd, self.gains.ki)
+        return ControlDesign(_loads(of), columns_of(of, integrals=True), WithErrors.exact(gains))
+
     def states(self, joints: Sequence[str]) -> list[tuple[str, float]]:
         return [(f"integral.{name}", 0.0) for name in joints]
 
@@ -76,7 +97,7 @@ class Pid(Follower):
 
 
 @record
-class Gravity(Follower):
+class Gravity(WithPdGains):
     """``tau = G(q) + kp e + kd e-dot``, with G of the controller's model; no gains: compensation alone."""
 
     shares: ClassVar[bool] = True
@@ -90,7 +111,7 @@ class Gravity(Follower):
 
 
 @record
-class FeedForward(Follower):
+class FeedForward(WithPdGains):
     """``tau = ID(q_ref, qd_ref, qdd_ref) + kp e + kd e-dot``, with ID of the controller's model."""
 
     shares: ClassVar[bool] = True
@@ -125,6 +146,18 @@ class ComputedTorque(Follower):
 
     type: str = key(Choice(("computed_torque",)), doc="Kind of controller.")
     gains: AccelerationGains = key(Section(AccelerationGains), doc="Its gains.")
+
+    def written(self, of: Leading) -> ControlDesign | None:
+        gains = diagonal(of, self.gains.kp, self.gains.kd)
+        rows = tuple(Named(f"qdd.{name}", f"{unit}/s^2") for name, unit in zip(of.names, of.units))
+        poles = None
+        if self.period is None:
+            n = len(of.names)
+            kp, kd = np.diag(gains[:, :n]), np.diag(gains[:, n:])
+            poles = WithErrors.exact(
+                np.concatenate([np.roots([1.0, d, p]) for p, d in zip(kp, kd)]).astype(complex)
+            )
+        return ControlDesign(rows, columns_of(of), WithErrors.exact(gains), poles)
 
     def torques(self, at: Situation) -> list[Any]:
         _, _, a = at.reference
@@ -161,6 +194,10 @@ class TaskPd(Follower):
                 ("reference", "type"),
                 f"{self.reference.type!r} leads joints; allowed: a path of a point, such as circle, path or cartesian",
             )
+
+    def written(self, of: Leading) -> ControlDesign | None:
+        gains = diagonal(of, self.gains.kp, self.gains.kd)
+        return ControlDesign(_loads(of), columns_of(of), WithErrors.exact(gains))
 
     def torques(self, at: Situation) -> list[Any]:
         task, kp, kd = at.point(), self.gains.kp, self.gains.kd

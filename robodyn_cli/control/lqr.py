@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from robodyn_cli.control.base import PER_JOINT, POSITIVE_PER_JOINT, Controller, Situation
+from robodyn_cli.control.base import PER_JOINT, POSITIVE_PER_JOINT, Controller, Problems, Situation
+from robodyn_cli.control.design import ControlDesign, Leading
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, JointMap, Number, Section, key
 from robodyn_cli.spatial.algebra import Array
@@ -48,7 +49,8 @@ class Lqr(Controller):
 
     for the model linearised about the pose q_0 at rest, tau_0 holding it there. Q counts all joints; K belongs to
     independent ones, which in a mechanism with loops give the others. With a sampling period, x and u are those at the
-    samples (discrete regulator).
+    samples and their costs are summed (discrete regulator); or, with ``cost: integral``, the integral is made least by
+    torques that are held in between.
 
     regulator : what ``ready/controllers.py`` finds before the equations are built.
     """
@@ -60,52 +62,27 @@ class Lqr(Controller):
     pose: dict[str, float] = key(
         JointMap(Number()), default=None, unit="rad or m", doc="The pose q_0; by default the start."
     )
+    cost: str | None = key(
+        Choice(("samples", "integral")),
+        default=None,
+        doc="What is least: with a period the sum over the `samples` (by default) or the `integral` over time, without "
+        "one the `integral`.",
+    )
     regulator: Any = dataclasses.field(default=None, compare=False, repr=False)
+
+    def problems(self) -> Problems:
+        if self.cost == "samples" and self.period is None:
+            yield ("cost",), "'samples' goes with 'period'; without one it is the 'integral'"
+
+    def written(self, of: Leading) -> ControlDesign | None:
+        found: ControlDesign | None = self.design
+        return found
 
     def torques(self, at: Situation) -> list[Any]:
         own = self.regulator
         seen = [at.seen_of(name) for name in own.joints]
         x = [*(q - q0 for (q, _), q0 in zip(seen, own.at)), *(qd for _, qd in seen)]
         return [tau - sum(k * y for k, y in zip(row, x)) for tau, row in zip(own.hold, own.gain)]
-
-
-def regulator_gain(A: Array, B: Array, Q: Array, R: Array, period: float | None) -> Array:
-    """Return the gain K of the regulator (Anderson and Moore 1990), in the form that the period asks for.
-
-    Raises
-    ------
-    ValueError : in words: some mode that does not decay cannot be reached by the torques, one that stays costs nothing,
-    or there is no solution.
-    """
-    from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
-
-    unreachable = unreachable_mode(A, B)
-    if unreachable is not None:
-        raise ValueError(
-            f"the pair (A, B) cannot be stabilised: the mode {unreachable:.4g} 1/s does not decay, and the driven "
-            "joints have no influence on it; allowed: joints that do"
-        )
-    costless = costless_mode(A, Q)
-    if costless is not None:
-        raise ValueError(
-            f"the mode {costless:.4g} 1/s neither grows nor decays and costs nothing, so it would stay as it is; "
-            "allowed: weights `gains.q` and `gains.qd` that see it"
-        )
-    try:
-        if period is None:
-            return np.asarray(np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R)))
-        n, m = B.shape
-        whole = np.zeros((n + m, n + m))
-        whole[:n, :n], whole[:n, n:] = A, B
-        step = expm(period * whole)
-        F, G = step[:n, :n], step[:n, n:]
-        P = solve_discrete_are(F, G, Q, R)
-        return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            f"the Riccati equation has no solution that stabilises: {error} (a mode that costs nothing and does not "
-            "decay needs a weight)"
-        ) from error
 
 
 def unreachable_mode(A: Array, B: Array) -> complex | None:

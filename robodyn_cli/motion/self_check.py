@@ -37,7 +37,7 @@ from robodyn_cli.summaries.motion import (
 if TYPE_CHECKING:
     from robodyn_cli.equations.control.control import Control
     from robodyn_cli.motion.second_run import Estimate
-    from robodyn_cli.summaries.drives import ControlKeys
+    from robodyn_cli.summaries.control import ControlKeys
 
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
 
@@ -296,14 +296,15 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
 
 def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> ControlKeys:
     """Return what a controller did, with errors by the second run where there is one."""
-    from robodyn_cli.observe.control_summary import control_keys
+    from robodyn_cli.observe.control_summary import control_keys, with_design
     from robodyn_cli.summaries.apart import with_second
 
     ends, instants = (run.beginning.time, run.driver.time), run.driver.instants
     keys = control_keys(control, run.recorder, ends, instants)
-    if estimate is None or estimate.recorder is None:
-        return keys
-    return with_second(keys, control_keys(control, estimate.recorder, ends, instants), estimate.factor)
+    if estimate is not None and estimate.recorder is not None:
+        second = control_keys(control, estimate.recorder, ends, instants)
+        keys = with_second(keys, second, estimate.factor)
+    return with_design(keys, control)
 
 
 def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from robodyn_cli.control.design import Named
 from robodyn_cli.equations.control.control import Control
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.solve.extremes import largest_magnitude, positive_integral, root_mean_square
 from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.drives import ControlKeys, ControlSummary, DrivenWork, Tracking, TrackingErrors
+from robodyn_cli.summaries.control import (
+    ControlKeys,
+    ControlSummary,
+    DrivenWork,
+    Equilibrium,
+    LoopPole,
+    Tracking,
+    TrackingErrors,
+)
 from robodyn_cli.summaries.facts import ABSENT
 
 ROUNDED = 1e-12  # of a time
@@ -48,6 +59,40 @@ def control_keys(
         energy=DrivenWork(float(driving.sum()), float(braking.sum()), float(off.sum())),
     )
     return ControlKeys(summary)
+
+
+def with_design(keys: ControlKeys, control: Control) -> ControlKeys:
+    """Return the keys with what the controller is, as far as its kind has gains, poles and a pose of its own."""
+    own = control.design
+    if own is None:
+        return keys
+    rows, columns = own.rows, own.columns
+    told: dict[str, Any] = {
+        "gains": _by_name(own.gains.values, rows, columns),
+        "gain_errors": _by_name(own.gains.errors, rows, columns) if own.gains.errors.any() else ABSENT,
+        "row_units": {x.name: x.unit for x in rows},
+        "column_units": {x.name: x.unit for x in columns},
+    }
+    if own.riccati is not None:
+        told["riccati"] = _by_name(own.riccati.values, columns, columns)
+        told["riccati_errors"] = _by_name(own.riccati.errors, columns, columns)
+    if own.poles is not None:
+        told["poles"] = [
+            LoopPole(float(s.real), float(s.imag), float(error))
+            for s, error in zip(own.poles.values, own.poles.errors)
+        ]
+    if own.at:
+        torques = dict(zip((row.name for row in rows), own.holding))
+        told["equilibrium"] = Equilibrium({name.name: x for name, x in own.at}, torques)
+    return ControlKeys(dataclasses.replace(keys.control, **told))
+
+
+def _by_name(matrix: Array, rows: Sequence[Named], columns: Sequence[Named]) -> dict[str, dict[str, float]]:
+    """Return the entries of a matrix by the names of rows and columns; a driven joint may have its own name only."""
+    return {
+        row.name: dict(zip((column.name for column in columns), entries.tolist()))
+        for row, entries in zip(rows, matrix)
+    }
 
 
 def _saturated(

@@ -210,6 +210,11 @@ class Recorder:
         for path, blocks in self.blocks.items():
             data = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
             result.add(path, data, **self.described(path))
+        control = self.observer.problem.control
+        if control is not None:
+            from robodyn_cli.observe.control_design import add_design
+
+            add_design(result, control)
 
 
 def _largest(*values: Any) -> float:

@@ -7,14 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.control.lqr import Lqr, Regulator, regulator_gain
+from robodyn_cli.control.design import ControlDesign, Leading, Named, WithErrors, columns_of
+from robodyn_cli.control.lqr import Lqr, Regulator
+from robodyn_cli.control.riccati import (
+    BestRegulator,
+    Cost,
+    cost_of_period,
+    disturbed,
+    optimum,
+    optimum_errors,
+)
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.control.model import model_scene, passive_forces
+from robodyn_cli.equations.linear.poles import poles_of
 from robodyn_cli.equations.linear.reduce import Linear, held_by, independent, linearise_states
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.given.guided_motion import Interpolated, motion_along
+from robodyn_cli.model.model import TORQUE
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.types import Scene
@@ -98,16 +109,27 @@ def with_regulator(scene: Scene) -> Scene:
         )
     linear = linearise_states(equations, states, driven, places)
     names = tuple(model.v_names[k] for k in places)
+    best, errors = _regulated(scene, linear, model.v_names)
+    holding = tuple(states.tau[0][list(driven)].tolist())
     regulator = Regulator(
         names,
-        tuple(map(tuple, _gain(scene, linear, model.v_names).tolist())),
-        tuple(states.tau[0][list(driven)].tolist()),
+        tuple(map(tuple, best.K.tolist())),
+        holding,
         tuple(float(pose[model.q_names.index(name)]) for name in names),
     )
-    whole = dict(zip(model.q_names, pose.tolist()))
-    return dataclasses.replace(
-        scene, control=dataclasses.replace(controller, regulator=regulator, pose=whole)
+    units = tuple(model.v_units[k] for k in places)
+    found = ControlDesign(
+        tuple(Named(name, TORQUE[model.v_units[k]]) for name, k in zip(controller.joints, driven)),
+        columns_of(Leading(names, units, ())),
+        WithErrors(best.K, errors.K),
+        WithErrors(*poles_of(best.L, errors.L)),
+        WithErrors(best.P, errors.P),
+        tuple((Named(*named), float(x)) for *named, x in zip(model.q_names, model.q_units, pose)),
+        holding,
     )
+    whole = dict(zip(model.q_names, pose.tolist()))
+    own = dataclasses.replace(controller, regulator=regulator, pose=whole, design=found)
+    return dataclasses.replace(scene, control=own)
 
 
 def _pose(scene: Scene, problem: Problem) -> Array:
@@ -135,8 +157,8 @@ def _forces(problem: Problem, controller: Lqr) -> Vector:
     return total
 
 
-def _gain(scene: Scene, linear: Linear, names: tuple[str, ...]) -> Array:
-    """Return K (n, 2 f) for the weights of all joints: Q of x = (dq, dv) is X^T Q X with dq, dv = X x."""
+def _regulated(scene: Scene, linear: Linear, names: tuple[str, ...]) -> tuple[BestRegulator, BestRegulator]:
+    """Return the regulator for the weights of all joints, and its errors: Q of x is X^T Q X with (dq, dv) = X x."""
     controller = scene.control
     f = len(linear.places)
     X = np.concatenate([np.pad(linear.dq[0], ((0, 0), (0, f))), linear.dv[0]])
@@ -144,10 +166,20 @@ def _gain(scene: Scene, linear: Linear, names: tuple[str, ...]) -> Array:
     Q = X.T @ (np.concatenate([q, qd])[:, None] * X)
     R = np.diag(_by_name(controller.gains.tau, controller.joints))
     period = None if controller.period is None else float(controller.period)
+    written = Cost(Q, R, np.zeros((2 * f, len(R))))
+
+    def best(A: Array, B: Array) -> BestRegulator:
+        if period is None or controller.cost != "integral":
+            return optimum(A, B, written, period)
+        return optimum(A, B, cost_of_period(A, B, written, period), period)
+
+    A, B = linear.A[0], linear.B[0]
     try:
-        return regulator_gain(linear.A[0], linear.B[0], Q, R, period)
+        found = best(A, B)
+        others = [best(*each) for each in disturbed(A, B, linear.rounding[0])]
     except ValueError as error:
         raise _refusal(scene, str(error)) from None
+    return found, optimum_errors(found, others)
 
 
 def _by_name(weight: float | dict[str, float], names: tuple[str, ...]) -> Array:

@@ -6,28 +6,8 @@ for a name from the scene. Where the error of a dataset stands is told by ``stat
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-
 from robodyn_cli.record import record
-
-
-@record
-class Entry:
-    """One path of the format; ``names`` label the last dimension where they are always the same.
-
-    by_column : units of columns by their names, where they differ in every file.
-    has_gaps : whether it is nan where it has no finite value, as a pole at infinity.
-    """
-
-    path: str
-    dims: tuple[str, ...]
-    units: str
-    long_name: str
-    names: tuple[str, ...] = ()
-    by_column: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    has_gaps: bool = False
-
+from robodyn_cli.results.entries import CONTROL, LINEAR, Entry
 
 XYZ = ("x", "y", "z")
 WRENCH = {f"{letter}{axis}": unit for letter, unit in (("f", "N"), ("m", "N m")) for axis in XYZ}
@@ -50,6 +30,7 @@ JOINT_LIMITS: dict[str, dict[str, tuple[float, ...]]] = {
     "qdd": {"acceleration": (1.0, -1.0), "least_acceleration": (1.0,), "largest_acceleration": (1.0,)},
     "tau": {"effort": (1.0, -1.0), "least_effort": (1.0,), "largest_effort": (1.0,)},
 }
+
 
 RUN: tuple[Entry, ...] = (
     Entry("time", ("time",), "s", "time"),
@@ -93,10 +74,7 @@ RUN: tuple[Entry, ...] = (
     Entry("energy/potential", ("time",), "J", "potential energy"),
     Entry("energy/total", ("time",), "J", "kinetic and potential energy"),
     Entry("energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"),
-    Entry("control/reference", ("time", "tracked"), "rad or m", "what the controller follows"),
-    Entry("control/error", ("time", "tracked"), "rad or m", "reference less motion"),
-    Entry("control/torque", ("time", "driven"), "N m or N", "torque or force of the controller"),
-    Entry("control/states", ("time", "control_state"), "1", "states of the controller"),
+    *CONTROL,
     Entry("signals/NAME", ("time",), "1", "signal of `outputs.signals`, in the unit that the scene states"),
     Entry("forces/potential", ("time", "force"), "J", "potential energy of each entry of `forces`"),
     Entry("forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"),
@@ -253,7 +231,6 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     ),
 )
 
-ROWS_OVER_COLUMNS = "that of the row over that of the column"
 # what commands write beside the datasets of motions, by command
 NUMERICS = (
     Entry(
@@ -311,33 +288,6 @@ NUMERICS = (
     Entry(
         "suite/relative_error", ("case", "method"), "1",
         "largest error over the range of its quantity; cases in the order of `summary.cases`",
-    ),
-)  # fmt: skip
-LINEAR = (
-    *(
-        Entry(f"linear/{name}", dims, ROWS_OVER_COLUMNS, f"{name} of the linear system")
-        for name, dims in (
-            ("A", ("state", "state_column")), ("B", ("state", "input")), ("C", ("output", "state")),
-            ("D", ("output", "input")),
-        )
-    ),
-    Entry("linear/poles_real", ("pole",), "1/s", "real parts of the poles; 0 where no larger than the error"),
-    Entry(
-        "linear/poles_imaginary", ("pole",), "1/s", "imaginary parts of the poles; 0 where no larger than the error"
-    ),
-    Entry("linear/poles_error", ("pole",), "1/s", "how far rounding may move the poles"),
-    Entry("linear/frequency", ("frequency",), "rad/s", "angular frequency of the responses"),
-    Entry("linear/instant", ("instant",), "s", "times of the samples that `--instants` chose"),
-    *(
-        Entry(
-            f"linear/response_{part}", ("frequency", "output", "input"), ROWS_OVER_COLUMNS,
-            f"{part} part of outputs over inputs, C (i w E - A)^-1 B + D",
-        )
-        for part in ("real", "imaginary")
-    ),
-    Entry(
-        "modes/q", ("mode", "side", "position"), "rad or m",
-        "poses on both sides of each mode, drawn large, loops closed, in the order of `summary.modes`",
     ),
 )  # fmt: skip
 STUDY = (

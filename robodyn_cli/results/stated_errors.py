@@ -133,6 +133,10 @@ BESIDE = {
     "derivatives": "derivative_errors",
     "linear/poles_real": "linear/poles_error",
     "linear/poles_imaginary": "linear/poles_error",
+    "control/gains": "control/gains_error",
+    "control/riccati": "control/riccati_error",
+    "control/poles_real": "control/poles_error",
+    "control/poles_imaginary": "control/poles_error",
 }
 # the energy balance, as the summary names it, in which the energy is a constant: its drift is its error
 CONSERVED = "kinetic + potential"

@@ -1,4 +1,4 @@
-"""What motors and gears bear in a motion, and what a controller did: keys of motions that have these."""
+"""What motors and gears bear in a motion, and its margins of motorisation: keys of motions that have these."""
 
 from __future__ import annotations
 
@@ -167,61 +167,6 @@ class DriveKeys:
 
     drives: dict[str, DriveFigures] = fact("what the motors bear, of scenes with `drives`")
     catalogue: str | Absent = fact("title of the catalogue that the drives come from")
-
-
-@record
-class TrackingErrors:
-    """Errors of the figures of a tracking error: of the motion, and of what lies between the samples."""
-
-    peak: float = fact("of the largest magnitude", OWN)
-    at: float = fact("of its time", "s")
-    rms: float = fact("of the root of the mean squared error", OWN)
-
-
-@record
-class Tracking:
-    """Error of one coordinate."""
-
-    peak: float = fact("largest magnitude of reference less motion", OWN, errors=(".errors.peak",))
-    at: float = fact("when it is largest", "s", errors=(".errors.at",))
-    rms: float = fact("root of the mean squared error", OWN, errors=(".errors.rms",))
-    errors: TrackingErrors = fact("errors of these figures")
-    unit: str = fact("of the coordinate")
-
-
-@record
-class DrivenWork:
-    """Work of the driven joints; its difference is what they give."""
-
-    driving: float = fact("work while they drive", "J", errors=(".error",))
-    braking: float = fact("work while they brake", "J", errors=(".error",))
-    error: float = fact("error of these: of the motion, and of what lies between the samples", "J")
-
-
-@record
-class ControlSummary:
-    """What a controller did."""
-
-    type: str = fact("of the controller")
-    joints: list[str] = fact("that it drives")
-    period: float | Absent = fact("between its samples, where it is sampled", "s")
-    delay: float | Absent = fact("from a sample to its torque, where it is sampled", "s")
-    updates: int | Absent = fact("how many samples it took")
-    tracking: dict[str, Tracking] | Absent = fact("error of each coordinate that it leads", names="TRACKED")
-    limits: dict[str, float] | Absent = fact("largest torque or force of joints that have one", LOAD)
-    least_limits: dict[str, float] | Absent = fact("least one, where it is not the same the other way", LOAD)
-    saturated: dict[str, float] | Absent = fact(
-        "time at the limit, of joints that have one", "s", errors=("control.saturated_error.JOINT",)
-    )
-    saturated_error: dict[str, float] | Absent = fact("errors of these times", "s")
-    energy: DrivenWork = fact("work of the driven joints")
-
-
-@record
-class ControlKeys:
-    """Keys of a motion with a controller."""
-
-    control: ControlSummary = fact("what the controller did")
 
 
 @record

@@ -17,10 +17,7 @@ from robodyn_cli.cli.words import (
     extreme_lines,
     motorisation_lines,
     number,
-    table,
 )
-
-MOST_ROWS = 12  # of the table of tracking errors
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -31,7 +28,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "
         f"{summary['integrator']} ({tolerances})",
         *error_lines(summary),
-        *(_control_lines(summary["control"]) if "control" in summary else ()),
+        *_of_controller(summary),
         *drive_lines(summary),
         *_happenings(summary),
         *extreme_lines(summary),
@@ -42,6 +39,15 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _of_controller(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about the controller, where there is one."""
+    if "control" not in summary:
+        return []
+    from robodyn_cli.cli.control_words import control_lines
+
+    return control_lines(summary["control"])
+
+
 def _happenings(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about latches and payloads, where there are some."""
     if "locks" not in summary and "payloads" not in summary:
@@ -49,33 +55,6 @@ def _happenings(summary: Mapping[str, Any]) -> list[str]:
     from robodyn_cli.cli.latch_words import latch_lines, payload_lines
 
     return [*latch_lines(summary), *payload_lines(summary)]
-
-
-def _control_lines(control: Mapping[str, Any]) -> list[str]:
-    """Return how a controller has followed: for each coordinate its largest error, and time at limits."""
-    sampled = (
-        f", {control['updates']} samples every {number(control['period'])} s" if "period" in control else ""
-    )
-    lines = [f"  controller         {control['type']}{sampled}"]
-    if tracking := control.get("tracking"):
-        lines += ["", _tracking_table(tracking, control.get("saturated", {})), ""]
-    return lines
-
-
-def _tracking_table(tracking: Mapping[str, Any], saturated: Mapping[str, float]) -> str:
-    """Return the errors of coordinates as a table, those with the largest ones where there are many."""
-    shown = list(tracking)
-    if len(shown) > MOST_ROWS:
-        shown = sorted(sorted(shown, key=lambda name: -tracking[name]["peak"])[:MOST_ROWS], key=shown.index)
-    limited = any(time > 0.0 for time in saturated.values())
-    rows = [["tracking", "largest error", "", "at [s]", "RMS", *(["at its limit [s]"] if limited else [])]]
-    for name in shown:
-        own = tracking[name]
-        row = [name, number(own["peak"], 4), own["unit"], number(own["at"], 5), number(own["rms"], 4)]
-        rows.append([*row, *([number(saturated.get(name), 4)] if limited else [])])
-    more = len(tracking) - len(shown)
-    rest = f"\n  ... and {more} with smaller errors in summary.json" if more else ""
-    return table(rows) + rest
 
 
 def command(

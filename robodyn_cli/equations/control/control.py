@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.control.design import ControlDesign, Leading
 from robodyn_cli.equations.control.model import ControlledEquations, Reference, reference_of, tracked_joints
 from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
@@ -151,6 +152,20 @@ class Control:
             Tracked(name, model.q_units[places[name]], r, self.problem.q[places[name]])
             for name, r in zip(joints, wanted)
         ]
+
+    @cached_property
+    def design(self) -> ControlDesign | None:
+        """What the controller is, as far as its kind has gains."""
+        at_point = self.controller.at_point
+        names = tuple(x.name for x in self.tracked) if at_point else self.joints
+        units = (
+            tuple(x.unit for x in self.tracked)
+            if at_point
+            else tuple(self.problem.model.v_units[k] for k in self.places)
+        )
+        loads = ("N",) * len(names) if at_point else self.units
+        found: ControlDesign | None = self.controller.written(Leading(names, units, loads))
+        return found
 
     def situation(self, seen: Measured) -> At:
         """Return what the law sees, with measured positions and rates."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.control.lqr import reached
+from robodyn_cli.equations.linear.poles import pole_errors, poles_of, without_rounding
 from robodyn_cli.equations.linear.reduce import Linear, linearise_states
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
@@ -34,44 +35,16 @@ from robodyn_cli.works.linearise.nominal import (
     state_signals,
 )
 
-TRIALS = 8  # disturbed systems that tell how far rounding moves the poles
-SAFETY = 4.0
 PARALLEL = 1e-6  # so little may the motions of a mode at 0 differ: its position and its rate have a pole each
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is not reached or shown at all
 POINTS = 400  # of a frequency response
 BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
 
 
-def pole_errors(A: Array, rounding: Array, poles: Array) -> Array:
-    """Return how far poles (n,) of A may move where its entries change by no more than ``rounding`` (n, n) [1/s].
-
-    The farthest that disturbed systems have none nearer, with the rounding of the eigenvalue solver. That of a multiple
-    pole goes with a root of the disturbance, which no derivative would tell.
-    """
-    from scipy.linalg import matrix_balance
-
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    reach = rounding / scale[:, None] * scale + np.finfo(float).eps * np.abs(balanced).max(initial=0.0)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (TRIALS, *A.shape))
-    moved = np.linalg.eigvals(balanced + signs * reach)
-    gaps = np.abs(poles[:, None] - moved[:, None, :]).min(axis=2, initial=np.inf)
-    errors: Array = SAFETY * gaps.max(axis=0, initial=0.0)
-    return errors
-
-
-def without_rounding(poles: Array, errors: Array) -> Array:
-    """Return poles with those parts 0 that are no larger than the error of the pole."""
-    real, imaginary = (np.where(np.abs(part) > errors, part, 0.0) for part in (poles.real, poles.imag))
-    return real + 1j * imaginary
-
-
 def poles_along(linear: Linear) -> tuple[Array, Array]:
     """Return the poles (T, 2n) of linear systems, from left to right, and their errors (T, 2n) [1/s]."""
-    raw = np.linalg.eigvals(linear.A)
-    errors = np.array([pole_errors(*each) for each in zip(linear.A, linear.rounding, raw)]).reshape(raw.shape)
-    poles = without_rounding(raw, errors)
-    order = np.lexsort((poles.imag, poles.real), axis=-1)
-    return np.take_along_axis(poles, order, axis=-1), np.take_along_axis(errors, order, axis=-1)
+    found = [poles_of(*each) for each in zip(linear.A, linear.rounding)]
+    return np.array([poles for poles, _ in found]), np.array([errors for _, errors in found])
 
 
 def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:

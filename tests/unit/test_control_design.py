@@ -1,0 +1,163 @@
+"""What a controller is comes out: gains, Riccati matrices, poles, costs; against scipy, quadrature and the regression of
+the torques that a run shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
+
+from robodyn_cli import linearise, simulate
+from robodyn_cli.control.riccati import Cost, cost_of_period, held, optimum
+from robodyn_cli.errors import SceneError
+from robodyn_cli.scene import load_scene_text
+
+SEEDS = [3, 14, 159]
+
+
+def scene_of(seed: int, control: str, more: str = ""):
+    """Return a random arm of three axes in space, held about a pose by two motors at least."""
+    random = np.random.default_rng(seed)
+    joints, links = [], []
+    for k, name in enumerate("abc"):
+        axis = (random.normal(size=3)).tolist()
+        kind = "prismatic" if k == 1 and seed % 2 else "revolute"
+        origin = random.uniform(-0.4, 0.4, 3).tolist()
+        joints.append(
+            f"    - {{name: {name}, type: {kind}, axis: {axis}, origin: {{xyz: {origin}}}, "
+            f"damper: {{damping: {random.uniform(0.1, 2.0)}}}, spring: {{stiffness: {random.uniform(1, 30)}}}}}"
+        )
+        xx, yy, zz = random.uniform(0.05, 0.1, 3)
+        com = random.uniform(-0.2, 0.2, 3).tolist()
+        links.append(
+            f"    - {{name: L{name}, mass: {random.uniform(0.5, 3)}, com: {com}, "
+            f"inertia: {{xx: {xx}, yy: {yy}, zz: {zz}, xy: 0.01, xz: -0.005, yz: 0.004}}}}"
+        )
+    pose = random.uniform(-0.5, 0.5, 3).tolist()
+    q = f"{{a: {pose[0]}, b: {pose[1]}, c: {pose[2]}}}"
+    text = "\n".join(
+        [
+            "schema: 1",
+            "gravity: [0.3, -0.4, -9.7]",
+            "robot:",
+            "  joints:",
+            *joints,
+            "  links:",
+            *links,
+            f"initial: {{q: {q}}}",
+            f"control: {control}",
+            "simulate: {duration: 0.05, samples: 6}",
+            more,
+        ]
+    )
+    return load_scene_text(text)
+
+
+def matrix(keys: dict) -> np.ndarray:
+    return np.array([list(row.values()) for row in keys.values()])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("period", [None, 0.02])
+def test_the_regulator_of_a_random_arm_is_that_of_scipy(seed: int, period: float | None) -> None:
+    q, qd, tau = np.array([3.0, 50.0, 7.0]), np.array([0.1, 2.0, 0.3]), np.array([0.5, 0.02, 1.0])
+    weights = ", ".join(
+        f"{key}: {{{', '.join(f'{n}: {x}' for n, x in zip('abc', values))}}}"
+        for key, values in (("q", q), ("qd", qd), ("tau", tau))
+    )
+    sampled = "" if period is None else f"period: {period}, "
+    scene = scene_of(seed, f"{{type: lqr, {sampled}gains: {{{weights}}}}}")
+    result = simulate(scene)
+    own = result.summary["control"]
+    plant = linearise(scene, about="hold")
+    A, B, Q, R = plant["linear/A"], plant["linear/B"], np.diag([*q, *qd]), np.diag(tau)
+    if period is None:
+        P = solve_continuous_are(A, B, Q, R)
+        K = np.linalg.solve(R, B.T @ P)
+        poles = np.linalg.eigvals(A - B @ K)
+    else:
+        whole = expm(period * np.block([[A, B], [np.zeros((3, 9))]]))
+        F, G = whole[:6, :6], whole[:6, 6:]
+        P = solve_discrete_are(F, G, Q, R)
+        K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
+        poles = np.linalg.eigvals(F - G @ K)
+    assert list(own["gains"]) == list("abc") and list(own["riccati"]) == [*"abc", "qd.a", "qd.b", "qd.c"]
+    for found, wanted, errors in (
+        (matrix(own["gains"]), K, matrix(own["gain_errors"])),
+        (matrix(own["riccati"]), P, matrix(own["riccati_errors"])),
+    ):
+        assert np.all(np.abs(found - wanted) <= 1e-9 * np.abs(wanted).max())
+        assert np.all(np.abs(found - wanted) <= 2.0 * errors) and errors.max() < 1e-8 * np.abs(wanted).max()
+    np.testing.assert_array_equal(result["control/gains"], matrix(own["gains"]))
+    np.testing.assert_array_equal(result["control/riccati"], matrix(own["riccati"]))
+    for pole in own["poles"]:
+        gap = np.abs(poles - complex(pole["real"], pole["imaginary"])).min()
+        assert gap <= 2.0 * pole["error"] + 1e-12 and pole["error"] < 1e-8
+    assert own["equilibrium"]["q"] == scene.initial.q
+    if period is None:  # the law of the run is this one
+        x = (
+            np.concatenate([result["q"], result["qd"]], axis=1)
+            - np.r_[list(scene.initial.q.values()), 0, 0, 0]
+        )
+        holding = np.array(list(own["equilibrium"]["torques"].values()))
+        np.testing.assert_allclose(result["control/torque"], holding - x @ matrix(own["gains"]).T, atol=1e-11)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_cost_of_a_period_is_the_integral_and_p_is_the_cost_of_a_sampled_motion(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    A, B, period = random.normal(size=(4, 4)), random.normal(size=(4, 2)), 0.3
+    cost = Cost(np.diag(random.uniform(0.1, 2.0, 4)), np.diag(random.uniform(0.1, 2.0, 2)), np.zeros((4, 2)))
+    own = cost_of_period(A, B, cost, period)
+    F, G = held(A, B, period)
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+
+    def spent(x: np.ndarray, u: np.ndarray) -> float:
+        total = 0.0
+        for node, weight in zip(nodes, weights):
+            f, g = held(A, B, 0.5 * period * (node + 1.0))
+            y = f @ x + g @ u
+            total += 0.5 * period * weight * float(y @ cost.Q @ y + u @ cost.R @ u)
+        return total
+
+    x, u = random.normal(size=4), random.normal(size=2)
+    np.testing.assert_allclose(x @ own.Q @ x + 2 * x @ own.N @ u + u @ own.R @ u, spent(x, u), rtol=1e-12)
+    best = optimum(A, B, own, period)
+    first, total = x, 0.0
+    for _ in range(200):
+        total += spent(x, -best.K @ x)
+        x = F @ x - G @ best.K @ x
+    np.testing.assert_allclose(first @ best.P @ first, total, rtol=1e-9)
+    np.testing.assert_allclose(best.L, F - G @ best.K)
+
+
+def test_the_integral_is_what_a_fast_regulator_goes_to_and_samples_are_not() -> None:
+    found = {
+        key: matrix(simulate(scene_of(3, f"{{type: lqr, {key}, gains: {{q: 40, qd: 1}}}}")).summary["control"]["gains"])
+        for key in ("cost: integral", "{period: 1e-4, cost: integral}"[1:-1], "period: 1e-4")
+    }  # fmt: skip
+    continuous, integral, samples = found.values()
+    assert np.abs(integral - continuous).max() < 1e-2 * np.abs(continuous).max()
+    assert (
+        np.abs(samples - continuous).max() < 1e-2 * np.abs(continuous).max()
+    )  # both weights alike are scaled
+    with pytest.raises(SceneError, match=r"control.cost: 'samples' goes with 'period'"):
+        scene_of(3, "{type: lqr, cost: samples, gains: {q: 40}}")
+
+
+def test_gains_that_are_written_come_out_as_matrices_and_others_are_absent() -> None:
+    pid = simulate(
+        scene_of(3, "{type: pid, gains: {kp: 40, kd: {a: 1, b: 2, c: 3}, ki: 5}, period: 0.01, delay: 0.004}")
+    )
+    own = pid.summary["control"]
+    assert own["gains"]["b"] == {
+        "a": 0.0, "b": 40.0, "c": 0.0, "qd.a": 0.0, "qd.b": 2.0, "qd.c": 0.0,
+        "integral.a": 0.0, "integral.b": 5.0, "integral.c": 0.0,
+    }  # fmt: skip
+    assert own["column_units"]["integral.b"] == "m s" and own["row_units"]["b"] == "N"
+    assert float(pid["control/delay"]) == 0.004 and float(pid["control/period"]) == 0.01
+    assert not {"poles", "riccati", "gain_errors", "equilibrium"} & own.keys()
+    torque = simulate(scene_of(3, "{type: computed_torque, gains: {kp: 400, kd: 40}}")).summary["control"]
+    assert torque["row_units"]["qdd.a"] == "rad/s^2" and [x["real"] for x in torque["poles"]] == [-20.0] * 6
+    law = simulate(scene_of(3, "{type: formulas, law: {a: -q.a, b: -q.b, c: -q.c}}")).summary["control"]
+    assert "gains" not in law
