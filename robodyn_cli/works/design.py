@@ -283,9 +283,9 @@ def with_design(
     looked = Designed(problem, motions[1])
     chains: dict[str, FourBarClass] | Absent = ABSENT
     if design.grashof:
-        from robodyn_cli.works.four_bars import four_bars
+        from robodyn_cli.works.four_bars import add_four_bars
 
-        chains = four_bars(problem, motions[0], result, summary.joints)
+        chains = add_four_bars(result, problem, motions[0], summary.joints)
     own = {} if summary.extremes is ABSENT else summary.extremes
     summary = dataclasses.replace(summary, extremes={**own, **looked.extremes()} or ABSENT)
     passed = {name: points for name, points in looked.dead_points.items() if points}
@@ -301,6 +301,6 @@ def refuse_design(problem: Problem, planned: Planned) -> None:
     """
     Designed(problem, planned)
     if problem.scene.kinematics.design is not None and problem.scene.kinematics.design.grashof:
-        from robodyn_cli.works.four_bars import chains_of
+        from robodyn_cli.works.four_bars import chains_of, poses_at_start
 
-        chains_of(problem, planned)
+        chains_of(problem, poses_at_start(problem, planned))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,30 +48,44 @@ class PlanarPair:
         return self.second if node == self.first else self.first
 
 
-def four_bars(
-    problem: Problem, planned: Planned, result: Result, joints: Mapping[str, JointRange]
+def add_four_bars(
+    result: Result, problem: Problem, planned: Planned, joints: Mapping[str, JointRange]
 ) -> dict[str, FourBarClass]:
-    """Return the chains of four links by a closure of each, and add their pins; joints : where these go.
+    """Add the pins of the chains of four links to a result, and return these as ``four_bars`` does.
 
     Raises
     ------
     CapabilityError : there is none.
     """
-    start = dict(zip(problem.model.q_names, planned.motion.q[0].tolist()))
-    chains = chains_of(problem, planned)
-    for name, chain in chains.items():
+    poses = poses_at_start(problem, planned)
+    for name, chain in chains_of(problem, poses).items():
         result.add(f"four_bars/{name}", chain.poses())
+    return four_bars(problem, poses, planned.motion.q[0], joints)
+
+
+def four_bars(
+    problem: Problem, poses: Mapping[str, Array], q: Array, joints: Mapping[str, JointRange]
+) -> dict[str, FourBarClass]:
+    """Return the chains of four links by a closure of each; joints : where these go. poses : see ``pose_outputs``, at
+    q (nq,).
+
+    Raises
+    ------
+    CapabilityError : there is none.
+    """
+    start = dict(zip(problem.model.q_names, q.tolist()))
+    chains = chains_of(problem, poses)
     return {name: chain.described(problem, start, joints) for name, chain in chains.items()}
 
 
-def chains_of(problem: Problem, planned: Planned) -> dict[str, ClosedChain]:
+def chains_of(problem: Problem, poses: Mapping[str, Array]) -> dict[str, ClosedChain]:
     """Return the chains of four links by a closure of each.
 
     Raises
     ------
     CapabilityError : there is none.
     """
-    pairs = list(_pairs(problem, planned))
+    pairs = list(_pairs(problem, {name: (x[:3], x[3:].reshape(3, 3)) for name, x in poses.items()}))
     found: dict[str, ClosedChain] = {}
     known: set[frozenset[int]] = set()
     for pair in pairs:
@@ -90,8 +105,8 @@ def chains_of(problem: Problem, planned: Planned) -> dict[str, ClosedChain]:
     return found
 
 
-def _pairs(problem: Problem, planned: Planned) -> Iterator[PlanarPair]:
-    """Yield the joints and closures at the first sample."""
+def pose_outputs(problem: Problem) -> dict[str, list[Any]]:
+    """Return the expressions of the poses of all bodies and ends of closures: places (3,) and attitudes (9,)."""
     model = problem.model
     ends = {f"{loop.name}.{k}": x for loop in model.loops for k, x in enumerate((loop.first, loop.second))}
     bodies = {str(k): FixedFrame(k, zeros(3), identity()) for k in range(len(model.bodies))}
@@ -99,9 +114,19 @@ def _pairs(problem: Problem, planned: Planned) -> Iterator[PlanarPair]:
     for name, frame in {**bodies, **ends}.items():
         pose = world_pose(model, problem.pose, frame)
         outputs[name] = [*pose.p, *pose.R.flat]
-    t, motion = planned.times[:1], planned.motion
-    values = SampleFunction(outputs, ("t", "q"), 1)(t=t[:, None], q=motion.q[:1])
-    poses = {name: (x[0, :3], x[0, 3:].reshape(3, 3)) for name, x in values.items()}
+    return outputs
+
+
+def poses_at_start(problem: Problem, planned: Planned) -> dict[str, Array]:
+    """Return the poses at the first sample, see ``pose_outputs``."""
+    function = SampleFunction(pose_outputs(problem), ("t", "q"), 1)
+    values = function(t=planned.times[:1, None], q=planned.motion.q[:1])
+    return {name: x[0] for name, x in values.items()}
+
+
+def _pairs(problem: Problem, poses: Mapping[str, tuple[Array, Array]]) -> Iterator[PlanarPair]:
+    """Yield the joints and closures."""
+    model = problem.model
     types = {joint.name: joint.type for joint in problem.scene.robot.joints}
     for k, body in enumerate(model.bodies):
         p, R = poses[str(k)]

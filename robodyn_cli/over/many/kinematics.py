@@ -35,6 +35,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.design import DesignFigures
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.summaries.mechanism import JointRange, RangeErrors
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
@@ -67,6 +68,7 @@ SECTIONS = (
     "transmission_angle",
 )
 TOLD = ("design", "extremes")  # those that the command says of each run from its arrays
+FOUR_BARS = "design.four_bars."
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
 
 
@@ -88,12 +90,14 @@ class KinematicsStructure(Built):
             self.paths = {**_designed(self.problem), **outputs(self.problem)}
             # without names from the scene, scenes with equal equations share their code
             self.kernel = SampleKernel({f"o{k}": x for k, x in enumerate(self.paths.values())}, MOTION_GROUPS)
+            poses = _pins(self.problem)
+            self.pins = SampleKernel(poses, ("t", "q")) if poses else None
         self.breaks = spaced(knot_places(self.problem.scene, self.times), len(self.times))
         self.size = sum(len(x) for x in self.paths.values())
         super().__init__(
             keys,
             row,
-            Tables([self.kernel.program]),
+            Tables([self.kernel.program, None if self.pins is None else self.pins.program]),
             witnesses,
             obstacle(self.problem, self.lead, self.times, keys),
         )
@@ -109,9 +113,22 @@ class KinematicsStructure(Built):
     def evaluated(self, values: Array, motions: ManyMotions) -> dict[str, Array]:
         """Return what is evaluated along motions (T, N, n), by path."""
         groups = {"t": self.times[:, None], "q": motions.q, "v": motions.v, "a": motions.a}
-        tables = table_rows(self.tables, self.numbers(values))
-        arrays = self.kernel.of_tables(tables, len(self.times), groups)
+        arrays = self.kernel.of_tables(self._tables(self.kernel, values), len(self.times), groups)
         return {path: np.moveaxis(arrays[f"o{k}"], 2, 0) for k, path in enumerate(self.paths)}
+
+    def poses(self, values: Array, motions: ManyMotions) -> dict[str, Array]:
+        """Return the poses (N, 12) at the start of motions that chains of four links are found by."""
+        if self.pins is None:
+            return {}
+        groups = {"t": self.times[:1, None], "q": motions.q[:, :1]}
+        return {
+            k: x[:, :, 0] for k, x in self.pins.of_tables(self._tables(self.pins, values), 1, groups).items()
+        }
+
+    def _tables(self, kernel: SampleKernel, values: Array) -> Array:
+        """Return the tables (N, n) of a kernel for rows of values."""
+        first = self.tables.start(kernel.program)
+        return table_rows(self.tables, self.numbers(values))[:, first : first + len(kernel.program.table)]
 
 
 def _designed(problem: Problem) -> dict[str, list[Any]]:
@@ -121,6 +138,15 @@ def _designed(problem: Problem) -> dict[str, list[Any]]:
     from robodyn_cli.works.design import Designed
 
     return Designed.outputs(problem)
+
+
+def _pins(problem: Problem) -> dict[str, list[Any]]:
+    """Return the expressions that chains of four links follow from, where a scene asks for these."""
+    if problem.scene.kinematics.design is None or not problem.scene.kinematics.design.grashof:
+        return {}
+    from robodyn_cli.works.four_bars import pose_outputs
+
+    return pose_outputs(problem)
 
 
 def obstacle(problem: Problem, lead: Lead | None, times: Array, keys: Sequence[Key]) -> str:
@@ -212,8 +238,28 @@ class ManyFigures:
             looked = Designed(problem, planned, arrays)
             looked.asked = names
             found |= looked.extremes()
-            figures = DesignFigures(ABSENT, looked.dead_points, looked.unbounded)
+            figures = DesignFigures(self._four_bars(k), looked.dead_points, looked.unbounded)
         return {"extremes": {name: as_keys(x) for name, x in found.items()}, "design": as_keys(figures)}
+
+    @cached_property
+    def _chained(self) -> tuple[dict[str, Array], dict[str, Figures]]:
+        """What chains of four links follow from: poses at the start, and where joints go."""
+        names = self.structure.problem.model.v_names
+        return self.structure.poses(self.values, self.motions), {name: self._joints(name) for name in names}
+
+    def _four_bars(self, k: int) -> Any:
+        """Return the chains of four links of a run, where they are asked for."""
+        if not any(key.startswith(FOUR_BARS) for key in self.keys):
+            return ABSENT
+        from robodyn_cli.works.four_bars import four_bars
+
+        poses, joints = self._chained
+        gone = {}
+        for name, figures in joints.items():
+            own, off = ({x: float(one[part][k]) for x, one in figures.items()} for part in (0, 1))
+            gone[name] = JointRange(**own, errors=RangeErrors(**off), units={})
+        own_poses = {name: x[k] for name, x in poses.items()}
+        return four_bars(self.structure.problem, own_poses, self.motions.q[k, 0], gone)
 
     def _joints(self, name: str) -> Figures:
         names = self.structure.problem.model.v_names
@@ -292,9 +338,6 @@ def _exact(values: Mapping[str, Array]) -> Figures:
     return {name: (x, np.full(len(x), np.nan)) for name, x in values.items()}
 
 
-SLOW = {"design.four_bars": "its chains are found among the links of each scene anew"}
-
-
 def _is_time(key: str) -> bool:
     """Tell whether a key is a time that the scene gives."""
     return key.startswith("at.") and key.endswith(".time")
@@ -304,7 +347,6 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
     """Motions that joints or points lead; ends are the ends of the motion."""
 
     name = "kinematics"
-    slow = SLOW
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> KinematicsStructure:
         return KinematicsStructure(family, keys, row)
@@ -313,8 +355,7 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
         leaf = leaf_of("kinematics", key)
         if leaf is None or leaf.key.startswith("termination."):
             return key == "termination.time"
-        known = leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
-        return known and not leaf.key.startswith("design.four_bars") and not _is_time(leaf.key)
+        return leaf.is_number and leaf.key.partition(".")[0] in SECTIONS and not _is_time(leaf.key)
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=samples))
