@@ -24,6 +24,7 @@ from robodyn_cli.scene.text import nodes
 # reading takes a second or two per megabyte
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 50
+TOO_DEEP = f"nested more than {MAX_DEPTH} levels deep"
 MAX_ALIASED_NODES = 100_000
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -103,6 +104,10 @@ def compose(
         ):
             reason = "a tab begins a token here; allowed: spaces to indent a line"
         place = nodes.Scalar(source, mark.line + 1, mark.column + 1, "", None) if mark else start
+        if (
+            "nesting depth" in reason
+        ):  # a limit of newer parsers, which read ahead of the events that are counted here
+            raise nodes.located(place, key, TOO_DEEP) from None
         raise nodes.located(place, key, f"this is not YAML: {reason}") from None
     except yaml.reader.ReaderError as error:
         match = yaml.reader.Reader.NON_PRINTABLE.search(text)
@@ -178,7 +183,7 @@ class _Builder:
         if event.tag not in (None, "!", _TAG + ("map" if is_map else "seq")):
             raise self.bad_tag(event.tag, place)
         if len(self.stack) >= MAX_DEPTH:
-            raise nodes.located(place, self.path(), f"nested more than {MAX_DEPTH} levels deep")
+            raise nodes.located(place, self.path(), TOO_DEEP)
         if event.anchor is not None:
             self.anchors[event.anchor] = None
         self.stack.append(_Open(place, is_map, event.anchor, [], {}))
