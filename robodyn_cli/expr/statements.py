@@ -97,19 +97,19 @@ def _expectation(value: bool | int | float | str | None) -> Expectation:
         )
     text = " ".join(value.replace("\N{PLUS-MINUS SIGN}", "+-").split())
     if match := _BOUND.match(text):
-        sign, (limit,), unit = match.group(1), *_quantities([match.group(2)], text, FORMS)
+        sign, (limit,), unit = match.group(1), *quantities([match.group(2)], text, FORMS)
         bounds = (limit, math.inf) if sign.startswith(">") else (-math.inf, limit)
         return Expectation(text, *bounds, strict="=" not in sign, numeric=True, unit=unit)
     if "+-" in text:
         return _around(text)
     if ".." in text:
-        (least, most), unit = _quantities(text.split("..", 1), text, FORMS)
+        (least, most), unit = quantities(text.split("..", 1), text, FORMS)
         expectation = Expectation(text, least, most, numeric=True, unit=unit)
         if expectation.low > expectation.high:
             raise SceneError(f"{text!r}: the first number is the larger one; {FORMS}")
         return expectation
     try:
-        (exact,), unit = _quantities([text] if any(c.isdigit() for c in text) else ["no number"], text, FORMS)
+        (exact,), unit = quantities([text] if any(c.isdigit() for c in text) else ["no number"], text, FORMS)
     except SceneError:
         return Expectation(text, value=text)
     return Expectation(text, exact, exact, numeric=True, unit=unit)
@@ -118,7 +118,7 @@ def _expectation(value: bool | int | float | str | None) -> Expectation:
 def _around(text: str) -> Expectation:
     left, _, right = text.partition("+-")
     percent = right.rstrip().endswith("%")
-    (centre, width), unit = _quantities([left, right.rstrip().removesuffix("%")], text, FORMS)
+    (centre, width), unit = quantities([left, right.rstrip().removesuffix("%")], text, FORMS)
     if percent:
         width *= abs(centre) / 100.0
     if width < 0.0:
@@ -190,7 +190,7 @@ def parse_variation(given: Any) -> Variation:
 def _listed(parts: Sequence[str], text: str) -> Variation:
     if not parts:
         raise SceneError(f"{text!r} has no values; {RANGES}")
-    values, unit = _quantities(parts, text)
+    values, unit = quantities(parts, text)
     return Variation(text, values, unit=unit)
 
 
@@ -198,8 +198,8 @@ def _space(name: str, parts: Sequence[str], text: str) -> Variation:
     """Return ``linspace`` or ``logspace``: n values from a to b, equally spaced or with equal ratios."""
     if len(parts) != 3:
         raise SceneError(f"{text!r}: {name} takes three numbers; {RANGES}")
-    (a, b), unit = _quantities(parts[:2], text)
-    (n,), unit_of_n = _quantities(parts[2:], text)
+    (a, b), unit = quantities(parts[:2], text)
+    (n,), unit_of_n = quantities(parts[2:], text)
     if unit_of_n or not n.is_integer() or not 1 <= n <= MOST_VALUES:
         raise SceneError(
             f"{text!r}: the number of values is {parts[2].strip()}; allowed: a whole number from 1 to {MOST_VALUES}"
@@ -254,11 +254,18 @@ _READERS: dict[str, Callable[[str, Sequence[str], str], Variation]] = {
 def _arguments(name: str, parts: Sequence[str], count: int, text: str) -> tuple[tuple[float, ...], str]:
     if len(parts) != count:
         raise SceneError(f"{text!r}: {name} takes {count} numbers; {RANGES}")
-    return _quantities(parts, text)
+    return quantities(parts, text)
 
 
-def _quantities(parts: Sequence[str], text: str, forms: str = RANGES) -> tuple[tuple[float, ...], str]:
-    """Return the values of constant expressions in SI units, and their unit; empty where none has one."""
+def quantities(parts: Sequence[str], text: str, forms: str = RANGES) -> tuple[tuple[float, ...], str]:
+    """Return the values of constant expressions in SI units, and their unit; empty where none has one.
+
+    text, forms : what all of it is, and what it may be, for errors.
+
+    Raises
+    ------
+    SceneError : a part is no finite number, or they are of different kinds.
+    """
     from robodyn_cli.expr import units
 
     values = []

@@ -9,13 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError, listed
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, listed
 from robodyn_cli.expr.fixed import Witness, places, witnessed
 from robodyn_cli.expr.many import Decision, ManyNumbers, Recipe
+from robodyn_cli.expr.statements import quantities
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.c99.functions import ModelFunctionsOfScene, functions_of, ready
-from robodyn_cli.over.many.keys import OPTION, START, Key, settings, understand
+from robodyn_cli.over.many.keys import OPTION, START, Key, setting, settings, understand
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.numbers import at_key
@@ -74,13 +75,25 @@ class Parametrised:
         return np.array([key.value for key in self.keys])
 
 
+SPAN = "KEY, or KEY=LOW:HIGH with two numbers, LOW < HIGH"
+
+
 @record
 class AskedKey:
-    """A key that was asked for, with the bounds of its values, if any."""
+    """A key that was asked for, with the bounds of its values in SI units, if any; unit : SI unit of those written with
+    one."""
 
     name: str
     low: float | None = None
     high: float | None = None
+    unit: str = ""
+
+    def times(self, scale: float) -> AskedKey:
+        """Return it with bounds that are so many times as large."""
+        if self.low is None or self.high is None:
+            return self
+        low, high = sorted((scale * self.low, scale * self.high))
+        return AskedKey(self.name, low, high, self.unit)
 
 
 def asked_key(text: str) -> AskedKey:
@@ -94,12 +107,14 @@ def asked_key(text: str) -> AskedKey:
     if not sign:
         return AskedKey(name)
     try:
-        low, high = (float(x) for x in span.split(":"))
-    except ValueError:
-        low = high = math.nan
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise CapabilityError(f"--key {text}: allowed: KEY, or KEY=LOW:HIGH with two numbers, LOW < HIGH")
-    return AskedKey(name, low, high)
+        (low, high), unit = quantities(span.split(":"), span, f"allowed: {SPAN}")
+    except ValueError:  # not two
+        low, high, unit = math.nan, math.nan, ""
+    except SceneError as error:
+        raise CapabilityError(f"--key {name}={error.message}") from error
+    if not low < high:
+        raise CapabilityError(f"--key {text}: allowed: {SPAN}")
+    return AskedKey(name, low, high, unit)
 
 
 class _Build:
@@ -144,7 +159,7 @@ def parametrised(family: Family, asked: Sequence[AskedKey]) -> Parametrised:
             f"--key {behind[0]}: numbers follow from it by a function in Python (base inertial parameters); "
             f"allowed: {listed([x for x in depends if x not in behind])}"
         )
-    ranges = {key.place: one for one, key in zip(asked, understood)}
+    ranges = {key.place: one.times(key.scale) for one, key in zip(asked, understood)}
     values = numbers_at_places(build.own.problem.scene)
     keys = tuple(_described(family, name, values[name], ranges.get(name)) for name in names)
     return _confirmed(family, scene, build, keys)
@@ -160,7 +175,7 @@ def _number(family: Family, one: AskedKey) -> Key:
         )
     for bound in (one.low, one.high):
         if bound is not None:
-            family.scene(settings([one.name], [bound]))
+            family.scene([f"{one.name}={bound!r} {one.unit}" if one.unit else setting(one.name, bound)])
     return key
 
 

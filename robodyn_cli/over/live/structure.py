@@ -326,6 +326,8 @@ def _columns(names: Sequence[str], units: Sequence[str], places: Sequence[int]) 
 
 def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
     low, high = ends
+    if key.scale != 1.0:
+        raise CapabilityError(f"{key.name} has a unit or a sign in the scene; allowed: the key without '#'")
     value = value_of(mechanism.family, key.name)
     if value is None:
         raise CapabilityError(f"{key.name} has no value in the scene; give it one by --set")

@@ -36,8 +36,8 @@ class Built:
         self, keys: Sequence[Key], row: Array, tables: Tables, witnesses: Sequence[Witness], obstacle: str
     ) -> None:
         self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
-        self._varying = [(k, key.place) for k, key in enumerate(keys) if key.sort == NUMBER]
-        self.recipe = Recipe([place for _, place in self._varying])
+        self._varying = [(k, key) for k, key in enumerate(keys) if key.sort == NUMBER]
+        self.recipe = Recipe([key.place for _, key in self._varying])
         self.deciding = self.recipe.deciding(witnesses)
         self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
         self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
@@ -46,14 +46,19 @@ class Built:
         """Return the numbers of the scene for rows of values (N, keys)."""
         last = self._last
         if last is None or last[0].shape != values.shape or not (last[0] == values).all():
-            given = {place: values[:, k] for k, place in self._varying}
+            given = {key.place: key.scale * values[:, k] for k, key in self._varying}
             last = self._last = values, ManyNumbers(self.recipe, given, len(values))
         return last[1]
 
     def column(self, place: str, values: Array) -> Array | None:
         """Return the values of the key that is a start or an option of this name; None where none varies."""
         return next(
-            (values[:, j] for j, k in enumerate(self.keys) if k.place == place and k.sort != NUMBER), None
+            (
+                k.scale * values[:, j]
+                for j, k in enumerate(self.keys)
+                if k.place == place and k.sort != NUMBER
+            ),
+            None,
         )
 
     def fits(self, values: Array) -> NDArray[np.bool_]:

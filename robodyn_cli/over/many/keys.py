@@ -28,6 +28,7 @@ TRIED = (0.8137, 1.2871, 0.1019, 0.0123, 7.31, 113.7, -0.8137, -1.2871, 1013.0, 
 UNREAD = frozenset(
     {"text", "sources", "expect", "study", "search", "title"}
 )  # what equations do not know of a scene
+PROPORTIONAL = 1e-15  # roundings of units, as those of 500 mm
 MOST_KNOWN = 10_000  # values that are known to be allowed, one by one
 CORNERS = 6  # keys of one element whose extremes are checked together; more: run by run
 
@@ -38,13 +39,15 @@ class Key:
 
     place : of its number in the scene, the column of a start, the name of an option, or of structure the key with
     names of items. special : values that are
-    structure, because a key that is zero, or what it is by default, leaves terms out. element : checked together.
+    structure, because a key that is zero, or what it is by default, leaves terms out. scale : times its values is what
+    stands at the place; other than 1 of ``KEY#n`` with a unit or a sign. element : checked together.
     """
 
     name: str
     sort: str
     place: str = ""
     special: tuple[float, ...] = ()
+    scale: float = 1.0
 
     @property
     def element(self) -> str:
@@ -122,17 +125,27 @@ def _sort(name: str, scenes: Sequence[tuple[float, Scene]]) -> Key | None:
     """Return what a key is, from two values of it; None of structure."""
     (x, one), (y, two) = scenes
     changes = list(_differences(with_places(one), with_places(two), (), None))
-    if len(changes) != 1 or (changes[0].one, changes[0].two) != (x, y):
+    scale = _scale(changes[0], x, y) if len(changes) == 1 else None
+    if scale is None:
         return None
     change = changes[0]
     if isinstance(change.one, Fixed) and change.one.op == "literal":
-        special = (0.0,) if change.default is None else (0.0, change.default)
-        return Key(name, NUMBER, change.one.args[0], special)
+        special = (0.0,) if change.default is None else (0.0, change.default / scale)
+        return Key(name, NUMBER, change.one.args[0], special, scale)
     if change.path[:2] in (("initial", "q"), ("initial", "qd")):
-        return Key(name, START, ".".join(change.path[1:]))
+        return Key(name, START, ".".join(change.path[1:]), (), scale)
     if change.path[0] == "simulate" and change.path[-1] in OPTIONS:
-        return Key(name, OPTION, change.path[-1])
+        return Key(name, OPTION, change.path[-1], (), scale)
     return None
+
+
+def _scale(change: _Change, x: float, y: float) -> float | None:
+    """Return what a value is multiplied by, of which x and y make a leaf what it is; None where that is not so."""
+    one, two = change.one, change.two
+    if not isinstance(one, (int, float)) or not isinstance(two, (int, float)) or not one:
+        return None
+    scale = float(one) / x
+    return scale if abs(float(two) - scale * y) <= PROPORTIONAL * abs(scale * y) else None
 
 
 @record
@@ -253,6 +266,9 @@ class Allowed:
 
 def key_unit(family: Family, key: Key, model: Model) -> str:
     """Return the unit of a key; nothing where it is not known."""
+    written = written_number(family.root, key.name)
+    if key.sort == START and written is not None and written.inside:
+        return written.unit
     if key.sort == START:
         group, _, column = key.place.partition(".")
         names, units, rate = (

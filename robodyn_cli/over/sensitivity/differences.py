@@ -39,6 +39,10 @@ class Slope:
     method: str
     reason: str = ""
 
+    def times(self, scale: float) -> Slope:
+        """Return the derivative by a key of which ``scale`` times its values is what this one is by."""
+        return Slope(scale * self.value, abs(scale) * self.error, self.method, self.reason)
+
 
 def is_time_of_sample(command: str, output: str) -> bool:
     """Tell whether an output is the time of a sample on a grid, which stays or jumps when a key changes."""

@@ -226,8 +226,9 @@ class PlacesTogether:
         motions = structure.motions(values)
         changes = self._known[structure](structure.numbers(values), (motions.q, motions.v, motions.a))
         axes = ["xyz".index(key.rpartition(".")[2]) for key in of]
-        slopes: Array = np.where(motions.good[:, None, None], changes[:, np.arange(len(of)), axes], np.nan)
-        return slopes
+        scales = np.array([key.scale for key in structure.keys])
+        own = changes[:, np.arange(len(of)), axes] * scales
+        return np.where(motions.good[:, None, None], own, np.nan)
 
 
 def _course(scene: Scene) -> LedCourse:

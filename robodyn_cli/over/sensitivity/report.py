@@ -70,7 +70,8 @@ def exact_slopes(asked: AskedSlopes) -> tuple[dict[tuple[str, int], Slope], dict
             for k in numbers if len(numbers) > 1 else ():  # one key may stand in the way of the others
                 attempt([k])
             return
-        exact.update({(name, k): s for name, column in slopes.items() for k, s in zip(numbers, column)})
+        each = [(name, k, s) for name, column in slopes.items() for k, s in zip(numbers, column)]
+        exact.update({(name, k): s.times(asked.keys[k].scale) for name, k, s in each})
 
     if able := [k for k in range(len(asked.keys)) if k not in why]:
         attempt(able)
@@ -105,11 +106,9 @@ def refuse_structure(
         return
     other = give(asked.changed(numbers, NEARBY))
     if [x.digest for x in own] != [x.digest for x in other]:
-        raise CapabilityError(
-            "the key is structure: an axis, an attitude, or what decides which terms there are"
-        )
+        raise CapabilityError("the key is structure: an axis, an attitude, or what decides about terms")
     by_keys = ByKeys({place: k for k, place in enumerate(asked.places(numbers)) if place})
-    steps = [NEARBY * (abs(asked.values[k]) or 1.0) for k in numbers]
+    steps = [NEARBY * (abs(asked.values[k]) or 1.0) * asked.keys[k].scale for k in numbers]
     pairs = [(x, y) for one, two in zip(own, other) for x, y in zip(one.numbers, two.numbers)]
     # what sums that cancel leave, where all that they are of is proportional to a key that is zero
     nothing = CANCELLED * max((abs(float(y) - float(x)) for x, y in pairs), default=0.0)

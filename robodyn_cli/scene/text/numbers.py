@@ -51,6 +51,14 @@ class WrittenNumber:
         behind = self.text[self.end :].strip(" )")
         return behind if not self.text[: self.start].strip(" -+(") and units.of(behind) is not None else ""
 
+    def doubled(self, text: str) -> str:
+        """Return the unit behind the number, where a text that is to stand in its place has one too; "" elsewhere."""
+        from robodyn_cli.expr import units
+
+        behind = units.match(self.text, self.end) if self.inside else None
+        own = any(units.match(text, x.end) for x in _in_text(text, ())) if behind else False
+        return self.text[self.end : behind[1]].strip() if behind and own else ""
+
     def replaced(self, text: str) -> str:
         """Return the text of the scalar with another number here."""
         plain = text if text[:1].isdigit() or text[:1] == "." else f"({text})"

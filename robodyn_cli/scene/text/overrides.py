@@ -125,6 +125,12 @@ class _Setter:
         if written is None:
             raise self.error(done, why_none(node, kind, self.n))
         assert isinstance(self.value, nodes.Scalar)
+        if unit := written.doubled(self.value.text):
+            raise self.error(
+                done,
+                f"#{self.n} is the number in {written.text!r}, with its unit behind it (value {self.value.text!r}); "
+                f"allowed: a number, in {unit}, or the key without #{self.n} and a value with a unit",
+            )
         if not written.inside:
             return with_leaf(node, written.path, self.value)
         text = written.replaced(self.value.text)
