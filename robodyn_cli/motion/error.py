@@ -49,6 +49,23 @@ class First:
     went: Array
 
     @property
+    def tighter(self) -> float:
+        """By how much the tolerance of second integrations is tighter, if at all."""
+        kind = methods[self.method]
+        factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
+        return min(factor, self.options.rtol / TIGHTEST_RTOL) if kind.order >= HIGH_ORDER else factor
+
+    @property
+    def finest(self) -> bool:
+        """Whether a tolerance is at the limit of double precision: a tighter one says nothing, and rounding decides."""
+        kind, options = methods[self.method], self.options
+        if options.step is not None or not kind.adaptive:
+            return False
+        if kind.order >= HIGH_ORDER:
+            return options.rtol < FINEST_RTOL
+        return options.rtol / self.tighter < TIGHTEST_RTOL
+
+    @property
     def once_more(self) -> Self:
         """The same for third integrations: they differ as second ones do, from these by their tolerance, where that
         says more than rounding, or their step, and by the draw of rounding."""
@@ -116,14 +133,11 @@ def first_attempt(first: First) -> Attempt:
     MORE_STEPS^p times tighter.
     """
     options, rows, kind = first.options, np.arange(len(first.steps)), methods[first.method]
-    factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
-    if kind.order >= HIGH_ORDER:
-        factor = min(factor, options.rtol / TIGHTEST_RTOL)
-    rtol = options.rtol / factor
-    fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
-    if options.step is not None or not (kind.adaptive and fine):
+    if options.step is not None or not kind.adaptive or first.finest:
         # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
         return _other_steps(first, rows, options)
+    factor = first.tighter
+    rtol = options.rtol / factor
     tight = dataclasses.replace(
         options, rtol=rtol, atol=options.atol / factor, first=FIRST_STEPS, draw=options.draw + 1
     )
@@ -153,11 +167,14 @@ ConditioningOf = Callable[[int], "Conditioning"]
 NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
 HALF_UNIT = 1.1e-16
 MARGIN = 1.25  # of an estimate: errors follow the order of a method to within some such part
+MOST_LEFT = 0.5  # of the first run's errors, that the second run's own count for at most
 LEAST_OWN = 0.02  # of the first run's errors, that the second run's are at least
 AMPLIFIED = 30.0  # times rounding: differences so large
 FEWEST = 8  # samples from which on that is told
 GROWN = 10.0  # times those of the first half, of differences in the second
-EARLY = 100.0  # times rounding, at most: differences in the first half
+EARLY = 100.0  # times rounding, at most: differences at first
+EARLIEST = 4  # of so many parts of the samples, the first
+UNLIKE = 0.1  # of the differences, by which those of second and third integrations from the first may differ
 BY_CHANCE = 0.1  # of the differences before, below which those at the end say little
 BEFORE = slice(-4, -2)  # of the samples, the last of which may be of the end
 AT_ROUNDING = 100.0  # times rounding, up to which an error counts as one of rounding
@@ -165,16 +182,18 @@ TIME_ROUNDING = 1e-14  # part of the time of an event that rounding leaves over 
 
 
 def remainder(first: First, more: Any) -> Array:
-    """Return MARGIN / (1 - (n_1 / n_2)^p), the quotient at most 2 (N,): what the second run's own error hides of the
+    """Return MARGIN / (1 - (n_1 / n_2)^p), the power at most 0.5 (N,): what the second run's own error hides of the
     first one's.
+
+    At the limit of double precision both errors are those of rounding, and as large: no order makes the second's smaller.
 
     more : n_2, the steps of the second runs (N,).
     """
     kind = methods[first.method]
     # between steps the dense output decides
-    power = min(kind.order, kind.dense_order + 1)
+    power = 0 if first.finest else min(kind.order, kind.dense_order + 1)
     left = np.minimum(1.0, first.steps / np.maximum(more, 1)) ** power
-    factor: Array = MARGIN / (1.0 - np.minimum(left, 0.5))
+    factor: Array = MARGIN / (1.0 - np.minimum(left, MOST_LEFT))
     return factor
 
 
@@ -193,12 +212,14 @@ def difference(first: Array, second: Array, sampled_end: bool) -> Array:
 @record
 class Courses:
     """States ``first`` (N, T, nx) of first integrations at the start, the samples that are judged, and the end; how far
-    the others are ``apart`` from them (N, T, nx); their ``scale`` (N,), see ``remainder``."""
+    the others are ``apart`` from them (N, T, nx); their ``scale`` (N,), see ``remainder``; and whether second
+    integrations err as much as first ones (N,), None: as their order says."""
 
     system: System
     first: Array
     apart: Array
     scale: Array
+    erratic: Masks | None = None
 
     @property
     def errors(self) -> Array:
@@ -206,20 +227,40 @@ class Courses:
         errors: Array = self.scale[:, None, None] * self.apart
         return errors
 
-    def beside(self, apart: Array) -> Courses:
-        """Return the courses with the larger one of these and other differences."""
-        return dataclasses.replace(self, apart=np.maximum(self.apart, apart))
+    def beside(self, apart: Array, made: Any) -> Courses:
+        """Return the courses with the larger one of these and the differences of third integrations from the first.
+
+        made : of which runs (N,) there are third ones. These and the second ones are both far more accurate than the
+        first: where they do not tell the same error, theirs are as large.
+        """
+        places = [*self.system.q_places, *self.system.v_places]
+        half = self.apart.shape[1] // 2
+        second, third = (x[:, half:, places] for x in (self.apart, apart))
+        unlike, size = (median(x.max(axis=2, initial=0.0)) for x in (np.abs(third - second), second))
+        joined = dataclasses.replace(self, apart=np.maximum(self.apart, apart))
+        return joined._with_erratic(made & (unlike > UNLIKE * size))
+
+    def settled(self, floor: Floor) -> Courses:
+        """Return the courses with the second runs' errors as large as the first's where the motion amplifies rounding:
+        no order makes them smaller there."""
+        return self._with_erratic(self._amplify(floor))
+
+    def _with_erratic(self, erratic: Masks) -> Courses:
+        """Return the courses with the errors of second integrations as large as those of the first in some runs (N,)."""
+        scale = np.where(erratic, np.maximum(self.scale, MARGIN / (1.0 - MOST_LEFT)), self.scale)
+        known = erratic if self.erratic is None else self.erratic | erratic
+        return dataclasses.replace(self, scale=scale, erratic=known)
 
     def in_doubt(self, floor: Floor) -> Masks:
         """Tell in which runs (N,) both integrations may have come to the same error by chance, at the end or as they
         amplify rounding: a third one, of another tolerance and with other roundings, tells."""
-        if self.first.shape[1] < FEWEST:
-            return np.zeros(len(self.first), dtype=bool)
         return self._amplify(floor) | self._agree_at_end(floor)
 
     def _agree_at_end(self, floor: Floor) -> Masks:
         """Tell in which runs (N,) the ends agree far better than what comes before, which is more than rounding."""
         agree = np.zeros(len(self.first), dtype=bool)
+        if self.first.shape[1] < FEWEST:
+            return agree
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = self.errors[:, :, list(places)].max(axis=2, initial=0.0)
             typical = median(largest[:, largest.shape[1] // 2 :])
@@ -229,10 +270,12 @@ class Courses:
 
     def _amplify(self, floor: Floor) -> Masks:
         """Tell in which runs (N,) the motion seems to amplify rounding: differences near it grow far beyond it."""
+        if self.first.shape[1] < FEWEST:
+            return np.zeros(len(self.first), dtype=bool)
         places = [*self.system.q_places, *self.system.v_places]
         largest = self.errors[:, :, places].max(axis=2, initial=0.0)
         count = largest.shape[1]
-        early = median(largest[:, 1 : 1 + count // 2])
+        early = median(largest[:, 1 : 1 + count // EARLIEST])
         late, rounding = largest[:, count // 2 :].max(axis=1), np.maximum(floor.q, floor.qd)
         grown: Masks = (late > AMPLIFIED * rounding) & (late > GROWN * early) & (early < EARLY * rounding)
         return grown
@@ -242,7 +285,7 @@ class Courses:
 
         There the errors of both may agree by chance. So they are no less than what the second run's own error typically
         is over the second half of the samples: a part 1 - MARGIN/scale of the first one's (see ``remainder``), or as
-        much as the first one's where both are at rounding.
+        much as the first one's where both are at rounding; and no less than the largest there where they are erratic.
         """
         errors = self.errors
         last: Array = errors[:, -1].copy()
@@ -251,6 +294,8 @@ class Courses:
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
             typical = own * median(largest)
+            if self.erratic is not None:
+                typical = np.where(self.erratic, largest.max(axis=1, initial=0.0), typical)
             last[:, list(places)] = np.maximum(last[:, list(places)], np.maximum(typical, least)[:, None])
         return last
 

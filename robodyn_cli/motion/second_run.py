@@ -207,11 +207,12 @@ def estimate_error(
     floor = courses.floor(
         first.steps, lasted, lambda k: motion.conditioning(times, courses.first[k]), watched
     )
+    doubt, courses = courses.in_doubt(floor)[0], courses.settled(floor)
     dq, dv = sampled_errors(motion, grid, second, recorder, courses.scale)
-    if courses.in_doubt(floor)[0] and (third := _third_run(motion, again, tick)) is not None:
+    if doubt and (third := _third_run(motion, again, tick)) is not None:
         other, _ = judged_courses(motion, first, third, recorder)
         if other.apart.shape == courses.apart.shape:
-            courses = courses.beside(other.apart)
+            courses = courses.beside(other.apart, True)
             more = sampled_errors(motion, grid, third, recorder, courses.scale)
             dq, dv = (_larger(x, y) for x, y in zip((dq, dv), more))
     least_q, least_v = float(floor.q[0]), float(floor.qd[0])

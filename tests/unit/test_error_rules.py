@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robodyn_cli.integrators.runtime.options import stride_of
-from robodyn_cli.motion.error import Courses
+from robodyn_cli.integrators.runtime.options import Options, stride_of
+from robodyn_cli.motion.error import Courses, First, Floor, remainder
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.course import samplings
@@ -207,6 +207,41 @@ def test_what_rounding_leaves_is_the_largest_of_what_there_is() -> None:
     assert floor(1e-14, (1e-13, 1e-20)) == pytest.approx((1e-13, own[1]), rel=1e-12, abs=0.0)
     assert floor(1e-3, (1e-6, 1e-6)) == pytest.approx(own, rel=1e-12, abs=0.0)
     assert floor(1e-3, (0.0, 0.0), 1e-9) == pytest.approx((1e-9, 1e-9), rel=1e-12, abs=0.0)
+
+
+def courses_of(errors: np.ndarray, scale: float = 1.26) -> Any:
+    """Return courses of one position and one rate whose differences are these (T,)."""
+    system: Any = SimpleNamespace(q_places=(0,), v_places=(1,))
+    apart = np.stack([errors, errors], axis=1)[None]
+    return Courses(system, np.ones_like(apart), apart, np.array([scale]))
+
+
+def test_where_rounding_is_amplified_the_end_errs_as_much_as_what_comes_before() -> None:
+    """An order makes the second run's error no smaller there, and an agreement at the end is chance."""
+    floor = Floor(np.array([1e-15]), np.array([1e-15]))
+    amplified = np.append(np.geomspace(1e-15, 1e-9, 32), 1e-12)
+    steady = np.append(np.full(32, 1e-9), 1e-12)
+    for errors, least, most in ((amplified, 2.4e-9, 2.6e-9), (steady, 0.02e-9, 0.03e-9)):
+        end = courses_of(errors).settled(floor).at_end(floor)
+        assert (end > least).all() and (end < most).all(), (errors[-2:], end)
+
+
+def test_a_third_run_that_tells_another_error_says_how_large_the_second_ones_is() -> None:
+    floor = Floor(np.array([1e-15]), np.array([1e-15]))
+    wave = 1e-9 * (2.0 + np.sin(np.arange(33.0)))
+    wave[-1] = 1e-12
+    for third, least in ((1.01 * wave, 0.04e-9), (0.5 * wave, 7.0e-9)):
+        apart = np.stack([third, third], axis=1)[None]
+        beside = courses_of(wave).beside(apart, np.ones(1, dtype=bool))
+        assert least < beside.at_end(floor).max() < 1.1 * least
+        assert courses_of(wave).beside(apart, np.zeros(1, dtype=bool)).at_end(floor).max() < 0.05e-9
+
+
+def test_at_the_finest_tolerances_both_runs_err_alike() -> None:
+    steps, more = np.array([100]), np.array([190])
+    for rtol, expected in ((1e-10, 1.25), (1e-13, 2.5)):
+        first = First(Options(rtol=rtol, atol=rtol), "gauss", steps, np.ones(1))
+        assert remainder(first, more) == pytest.approx(expected, rel=0.01)
 
 
 def test_many_runs_are_judged_at_the_samples_of_one() -> None:

@@ -289,14 +289,13 @@ class Judging:
             scale = remainder(first, tape.input("again.steps", 2 * self.first.steps))
             # the last sample is of the end, too
             apart = difference(own, self._course(tape, x0, "again"), sampled_end=True)
-            if name == "third":
-                apart = np.maximum(apart, difference(own, self._course(tape, x0, "third"), sampled_end=True))
             courses = Courses(system, own, apart, scale)
             floor = courses.floor(first.steps, self.batch.ends, lambda k: self._conditioning())
-            outputs = {"end": courses.at_end(floor)}
-            if name == "second":
-                outputs["doubt"] = courses.in_doubt(floor)
-            self._keep(f"errors.{name}", tape, outputs)
+            settled = courses.settled(floor)
+            if name == "third":
+                third = difference(own, self._course(tape, x0, "third"), sampled_end=True)
+                settled = settled.beside(third, np.ones(1, dtype=bool))
+            self._keep(f"errors.{name}", tape, {"end": settled.at_end(floor)})
 
     def _course(self, tape: Tape, start: Recorded, name: str) -> Any:
         """Return the states (1, T, nx) of a run that are judged."""

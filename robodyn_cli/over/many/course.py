@@ -158,12 +158,15 @@ class _Judge:
         second, done = self._again(self.first)
         courses, apart = self._courses(second), self._apart(second)
         floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
-        if len(rows := np.flatnonzero(done & courses.in_doubt(floor))):
+        doubt, courses = courses.in_doubt(floor), courses.settled(floor)
+        if len(rows := np.flatnonzero(done & doubt)):
             few = self.part(rows)
             third, ended = few._again(few.first.once_more)
             more = np.zeros_like(courses.apart)
             more[rows[ended]] = few._courses(third).apart[ended]
-            courses = courses.beside(more)
+            made = np.zeros(len(courses.apart), dtype=bool)
+            made[rows[ended]] = True
+            courses = courses.beside(more, made)
             for x, y in zip(apart, few._apart(third)):
                 x[rows[ended]] = np.maximum(x[rows[ended]], y[ended])
         q_max, qd_max = (np.maximum(courses.scale * x, y) for x, y in zip(apart, (floor.q, floor.qd)))

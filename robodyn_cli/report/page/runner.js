@@ -1,5 +1,5 @@
 /* Runs of a scene's compiled stepping loop. What is made and how it is judged are data of Python (over/live); here they
-   are put in order: numbers, start, first run, second run, a third in doubt. */
+   are put in order: numbers, start, first run, second run, a third. */
 
 const PAGE = 65536, STACK = 1 << 20, LINE = 64; // bytes
 
@@ -170,7 +170,7 @@ class Runner {
     const status = this.integer("status", 0), event = this.integer("all.n", counts.EVENT), located = this.integer("all.n", counts.LOCATED) !== 0;
     return {
       status: Object.keys(data.status).find((name) => data.status[name] === status),
-      event: status === data.status.EVENT && located ? event : -1,
+      event: status === data.status.EVENT && located ? event : -1, met: event,
       time: Float64Array.of(this.doubles[place["all.w"] / 8 + data.slots.time]),
       steps: Float64Array.of(this.integer("all.n", counts.ACCEPTED)),
       end: this.view("all.y", data.size).slice(),
@@ -221,8 +221,8 @@ class Runner {
     const first = this.drive(data.first, x, this.rule(data.first.rule));
     if (!this.arrived(first)) {
       if (locks && first.status === "DONE") this.refuse("no lock");
-      const event = first.event >= 0 ? data.events[first.event].name : first.status.toLowerCase().replace(/_/g, " ");
-      this.refuse("ended", `: ${event} at t = ${first.time[0].toPrecision(6)} s`);
+      const event = data.events[first.met], why = first.status === "EVENT" && event ? event.means : ENDED[first.status] || "it does not come to its end";
+      this.refuse("ended", `: ${why}, at t = ${first.time[0].toPrecision(6)} s`);
     }
     return locks ? this.locked(x, first) : this.ended(x, first);
   }
@@ -237,11 +237,9 @@ class Runner {
     const second = this.again(data.second, x, first);
     if (!second) this.refuse("second");
     Object.assign(inputs, { "again.out": second.out, "again.end": second.end, "again.steps": second.steps });
-    let errors = this.rule("errors.second", inputs);
-    if (errors.doubt[0]) {
-      const third = this.again(data.third, x, first);
-      if (third) errors = this.rule("errors.third", { ...inputs, "third.out": third.out, "third.end": third.end, "third.steps": third.steps });
-    }
+    // a third tells what other roundings do, as those of the command's processor do
+    const third = this.again(data.third, x, first);
+    const errors = third ? this.rule("errors.third", { ...inputs, "third.out": third.out, "third.end": third.end }) : this.rule("errors.second", inputs);
     return this.result(x, first, second, { columns: this.columns(first), end: errors.end, time: Float64Array.of(0) });
   }
 
@@ -288,5 +286,9 @@ class Runner {
   }
 }
 
+const ENDED = {
+  MAX_STEPS: "it takes too many steps", STEP_TOO_SMALL: "the step size became too small", NOT_FINITE: "the state stops being finite",
+  NOT_SOLVED: "a step has no solution nearby",
+};
 /* What is known of a second integration before there is one. */
 const NOT_MADE = { "again.steps": Float64Array.of(0), "again.given_up": Float64Array.of(0) };
