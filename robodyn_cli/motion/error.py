@@ -185,7 +185,7 @@ def remainder(first: First, more: Any) -> Array:
     """Return MARGIN / (1 - (n_1 / n_2)^p), the power at most 0.5 (N,): what the second run's own error hides of the
     first one's.
 
-    At the limit of double precision both errors are those of rounding, and as large: no order makes the second's smaller.
+    At the limit of double precision both errors are those of rounding: no order makes the second's smaller.
 
     more : n_2, the steps of the second runs (N,).
     """
@@ -246,7 +246,7 @@ class Courses:
         return self._with_erratic(self._amplify(floor))
 
     def _with_erratic(self, erratic: Masks) -> Courses:
-        """Return the courses with the errors of second integrations as large as those of the first in some runs (N,)."""
+        """Return the courses with second integrations that err as much as the first in some runs (N,)."""
         scale = np.where(erratic, np.maximum(self.scale, MARGIN / (1.0 - MOST_LEFT)), self.scale)
         known = erratic if self.erratic is None else self.erratic | erratic
         return dataclasses.replace(self, scale=scale, erratic=known)

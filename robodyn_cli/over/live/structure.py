@@ -280,7 +280,7 @@ class LiveStructure:
             "slots": {"time": DoubleSlot.T},
             "counts": {name: int(getattr(IntegerSlot, name)) for name in COUNTS},
             "status": {status.name: int(status) for status in Status},
-            "events": [{"name": event.name, "kind": event.kind.name, "means": event.kind.value} for event in self.system.events],
+            "events": [{"name": e.name, "kind": e.kind.name, "means": e.kind.value} for e in self.system.events],
             "passing": self.fleet.passing, "points": list(model.points),
             "numbers": plain(self.tables.numbers), "own": engine_numbers,
             "off": {draw: _steps_off(self.fleet.tables, draw) for draw in (1, 2)},
