@@ -240,27 +240,29 @@ class Courses:
         joined = dataclasses.replace(self, apart=np.maximum(self.apart, apart))
         return joined._with_erratic(made & (unlike > UNLIKE * size))
 
-    def settled(self, floor: Floor) -> Courses:
-        """Return the courses with the second runs' errors as large as the first's where the motion amplifies rounding:
-        no order makes them smaller there."""
-        return self._with_erratic(self._amplify(floor))
+    def settled(self, floor: Floor) -> tuple[Courses, Masks]:
+        """Return the courses with the second runs' errors as large as the first's where the motion amplifies rounding,
+        since no order makes them smaller there; and which runs (N,) are in doubt.
+
+        In these both integrations may have come to the same error by chance, at the end or as they amplify rounding: a
+        third one, of another tolerance and with other roundings, tells.
+        """
+        if self.first.shape[1] < FEWEST:
+            return self, np.zeros(len(self.first), dtype=bool)
+        amplify = self._amplify(floor)
+        return self._with_erratic(amplify), amplify | self._agree_at_end(floor)
 
     def _with_erratic(self, erratic: Masks) -> Courses:
         """Return the courses with second integrations that err as much as the first in some runs (N,)."""
+        if not erratic.any():
+            return self
         scale = np.where(erratic, np.maximum(self.scale, MARGIN / (1.0 - MOST_LEFT)), self.scale)
         known = erratic if self.erratic is None else self.erratic | erratic
         return dataclasses.replace(self, scale=scale, erratic=known)
 
-    def in_doubt(self, floor: Floor) -> Masks:
-        """Tell in which runs (N,) both integrations may have come to the same error by chance, at the end or as they
-        amplify rounding: a third one, of another tolerance and with other roundings, tells."""
-        return self._amplify(floor) | self._agree_at_end(floor)
-
     def _agree_at_end(self, floor: Floor) -> Masks:
         """Tell in which runs (N,) the ends agree far better than what comes before, which is more than rounding."""
         agree = np.zeros(len(self.first), dtype=bool)
-        if self.first.shape[1] < FEWEST:
-            return agree
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = self.errors[:, :, list(places)].max(axis=2, initial=0.0)
             typical = median(largest[:, largest.shape[1] // 2 :])
@@ -270,8 +272,6 @@ class Courses:
 
     def _amplify(self, floor: Floor) -> Masks:
         """Tell in which runs (N,) the motion seems to amplify rounding: differences near it grow far beyond it."""
-        if self.first.shape[1] < FEWEST:
-            return np.zeros(len(self.first), dtype=bool)
         places = [*self.system.q_places, *self.system.v_places]
         largest = self.errors[:, :, places].max(axis=2, initial=0.0)
         count = largest.shape[1]

@@ -190,7 +190,7 @@ def estimate_error(
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
     and those at the end (``Courses.at_end``), for q and qd apart, and no less than what rounding is expected to leave.
     Nothing else about the two runs is shared but the method. Where both may be off alike by chance, a third integration
-    counts as well (``Courses.in_doubt``). What the first run's figures are compared with comes along, with samples
+    counts as well (``Courses.settled``). What the first run's figures are compared with comes along, with samples
     where the scene asks for what follows from them, or where ``figures`` are asked for.
     """
     grid = first.grid.every(recorder.every)
@@ -207,9 +207,9 @@ def estimate_error(
     floor = courses.floor(
         first.steps, lasted, lambda k: motion.conditioning(times, courses.first[k]), watched
     )
-    doubt, courses = courses.in_doubt(floor)[0], courses.settled(floor)
+    courses, doubt = courses.settled(floor)
     dq, dv = sampled_errors(motion, grid, second, recorder, courses.scale)
-    if doubt and (third := _third_run(motion, again, tick)) is not None:
+    if doubt[0] and (third := _third_run(motion, again, tick)) is not None:
         other, _ = judged_courses(motion, first, third, recorder)
         if other.apart.shape == courses.apart.shape:
             courses = courses.beside(other.apart, True)

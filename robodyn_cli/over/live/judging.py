@@ -291,7 +291,7 @@ class Judging:
             apart = difference(own, self._course(tape, x0, "again"), sampled_end=True)
             courses = Courses(system, own, apart, scale)
             floor = courses.floor(first.steps, self.batch.ends, lambda k: self._conditioning())
-            settled = courses.settled(floor)
+            settled, _ = courses.settled(floor)
             if name == "third":
                 third = difference(own, self._course(tape, x0, "third"), sampled_end=True)
                 settled = settled.beside(third, np.ones(1, dtype=bool))

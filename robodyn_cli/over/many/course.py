@@ -158,7 +158,7 @@ class _Judge:
         second, done = self._again(self.first)
         courses, apart = self._courses(second), self._apart(second)
         floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
-        doubt, courses = courses.in_doubt(floor), courses.settled(floor)
+        courses, doubt = courses.settled(floor)
         if len(rows := np.flatnonzero(done & doubt)):
             few = self.part(rows)
             third, ended = few._again(few.first.once_more)
