@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS
+from robodyn_cli.drives.directions import SLOW, begun, directed, driven_joints
 from robodyn_cli.drives.report import UNDERSIZED, Moved, following, given_by_drives
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -32,15 +33,15 @@ from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.schema.fields import DRIVE
+from robodyn_cli.solve.crossings import crossing
 from robodyn_cli.solve.extremes import Extreme, smallest
+from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint, settled
 
-SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
-AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest
 EXACT = 1e-12  # part of the torques by which rounding and the closure of loops put them off
 CONTROL, DRIVES = "control", "drives"  # what acts by no expression of the equations
 
@@ -132,12 +133,14 @@ def acting(problem: Problem, inertia: bool | None) -> dict[str, Exerted]:
 @record
 class RatioSides:
     """Both sides of a ratio of driven joints (T, n), the torque available less what stands outside, and the factored
-    resistance; size : of all that enters them. shares : factored resistance by what resists (T, n, k)."""
+    resistance; size : of all that enters them. shares : factored resistance by what resists (T, n, k). along : torques
+    (T, n, k) of that along the motion, which resist where they are negative."""
 
     available: Array
     resistance: Array
     size: Array
     shares: Array
+    along: Array
 
     @property
     def slope(self) -> Array:
@@ -208,7 +211,7 @@ class JointMargins:
             torques = np.stack([arrays[name] for name in every], axis=2)
             return _sides(problem, list(every.values()), R, torques, v[:, list(driven)])
 
-        v = _begun(v, R, driven, arrays, every)
+        v = begun(v, R, driven, arrays, every)
         kinds = {"static": sides(SLOW * v, 0.0 * moved.qdd)}
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
@@ -247,16 +250,33 @@ class JointMargins:
                 breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
         return {**found, "dynamic": breaks}
 
+    def _bends(self, kind: str, column: int) -> dict[float, float]:
+        """Return where what resists a joint begins or ceases to, which bends the ratio: places in steps from the first
+        sample, each with its error [s]."""
+        times, sides = self.moved.times, self.sides[kind]
+        least, known = EXACT * sides.size[:, column].max(), {int(x) for x in self.breaks[kind]}
+        found = {}
+        for y in sides.along[:, column].T:
+            sign = np.where(np.abs(y) <= least, 0.0, np.sign(y))
+            for n in np.flatnonzero((sign[:-1] * sign[1:] < 0.0) & (np.diff(times) > 0.0)).tolist():
+                if n not in known:  # it jumps there
+                    part, off = crossing(times, y, n)
+                    found[n + part] = off * float(times[n + 1] - times[n])
+        return found
+
     def _least(self, kind: str, column: int, k: int) -> tuple[Ratio, float]:
         """Return the least ratio of a joint, and the angle whose tangent it is."""
-        moved, sides = self.moved, self.sides[kind]
-        slope = sides.slope[:, column]
-        least: Extreme = smallest(moved.times, slope[:, None], self.breaks[kind])
-        value, error, time, time_error = (
-            float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
+        moved, sides, bends = self.moved, self.sides[kind], self._bends(kind, column)
+        slope, breaks = sides.slope[:, column], spaced(bends, len(moved.times), self.breaks[kind])
+        least: Extreme = smallest(moved.times, slope[:, None], breaks)
+        value, error, time, time_error, at = (
+            float(x[0]) for x in (least.value, least.error, least.time, least.time_error, least.at)
         )
+        late = max((off for place, off in bends.items() if abs(place - at) < 1.0), default=0.0)
         if self.acts.follows and moved.times[-1] > moved.times[0]:
-            late, beside = self._turn_error(time), [self._interval(time, k) for k in (-1, 1)]
+            late = max(late, self._turn_error(time))
+        if late > 0.0:
+            beside = [self._interval(time, k) for k in (-1, 1)]
             error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
             time_error += late
         n = int(np.argmin(np.abs(moved.times - time)))
@@ -344,56 +364,4 @@ def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array,
     size = np.abs(along[:, :, drives]).sum(axis=2) + ((inside + outside) * np.abs(along[:, :, ~drives])).sum(
         axis=2
     )
-    return RatioSides(available, shares.sum(axis=2), size, shares)
-
-
-def directed(v: Array) -> Array:
-    """Return rates (T, nv) with those of joints at rest so small that they only tell where the joint goes next, or came
-    from; of joints that never move 0."""
-    v = v.copy()
-    for k, most in enumerate(np.abs(v).max(axis=0)):
-        moving = np.flatnonzero(np.abs(v[:, k]) > AT_REST * most)
-        if most > 0.0 and len(moving) < len(v):
-            still = np.setdiff1d(np.arange(len(v)), moving)
-            after = moving[np.minimum(np.searchsorted(moving, still), len(moving) - 1)]
-            v[still, k] = AT_REST * SLOW * most * np.sign(v[after, k])
-    return v
-
-
-def _begun(
-    v: Array, R: Array, driven: Sequence[int], arrays: dict[str, Array], given: dict[str, Exerted]
-) -> Array:
-    """Return rates (T, nv) in which driven joints that never move are about to go where what drives would move them;
-    where that may be either way, as of motors, against what acts on them."""
-    resting = [n for n, k in enumerate(driven) if not v[:, k].any()]
-    if not resting:
-        return v
-    sums = {True: np.zeros_like(v), False: np.zeros_like(v)}
-    for name, one in given.items():
-        if name in arrays:
-            sums[one.role == DRIVE] = sums[one.role == DRIVE] + arrays[name]
-    drive, rest = (np.sign(np.einsum("tin,ti->tn", R[:, :, resting], sums[own])) for own in (True, False))
-    towards = np.where(drive == 0.0, -rest, drive)
-    moved: Array = v + AT_REST * np.einsum("tin,tn->ti", R[:, :, resting], towards)
-    return moved
-
-
-def driven_joints(
-    problem: Problem, every: dict[str, Exerted], psi: Array
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return coordinates that the others follow from, as places among the velocities, and the driven ones of these.
-
-    In loops, with Psi (m, nv), they are as many as there are degrees of freedom, and driven joints are taken first.
-    """
-    names, options = problem.model.v_names, problem.scene.motorisation
-    acted = np.any([one.acts for one in every.values() if one.role == DRIVE], axis=0)
-    wanted = [names.index(name) for name in options.joints] or np.flatnonzero(acted).tolist()
-    if not len(psi):
-        return tuple(range(len(names))), tuple(wanted)
-    _, sizes, V = np.linalg.svd(psi)
-    free = V[int(np.sum(sizes > 1e-9 * sizes.max(initial=0.0))) :].T
-    chosen: list[int] = []
-    for k in (*wanted, *(k for k in range(len(names)) if k not in wanted)):
-        if np.linalg.matrix_rank(free[[*chosen, k]], tol=1e-9) > len(chosen):
-            chosen.append(k)
-    return tuple(chosen), tuple(k for k in wanted if k in chosen)
+    return RatioSides(available, shares.sum(axis=2), size, shares, along[:, :, ~drives])

@@ -21,16 +21,21 @@ def crossings(times: Array, y: Array, nothing: float) -> list[tuple[float, float
     for k in rests:
         beside = np.abs(np.gradient(y, times)[k]) if len(y) > 1 else 0.0
         found.append((float(times[k]), rounded + float(nothing / beside if beside > 0.0 else np.ptp(times))))
-    for k in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
-        start, h = float(times[k]), float(times[k + 1] - times[k])
-        linear = y[k] / (y[k] - y[k + 1])
-        roots = []
-        for count in (MORE, FEWER):
-            c = _powers(times, y, int(k), count)
-            real = [x.real for x in np.roots(c) if abs(x.imag) < 1e-6 and -1e-9 <= x.real <= 1.0 + 1e-9]
-            roots.append(min(real or [linear], key=lambda x: abs(x - linear)))
-        found.append((start + float(roots[0]) * h, rounded + abs(float(roots[0] - roots[1])) * h))
+    for k in np.flatnonzero(sign[:-1] * sign[1:] < 0.0).tolist():
+        h = float(times[k + 1] - times[k])
+        part, off = crossing(times, y, k)
+        found.append((float(times[k]) + part * h, rounded + off * h))
     return sorted(found)
+
+
+def crossing(times: Array, y: Array, k: int) -> tuple[float, float]:
+    """Return where y (T,) passes zero between samples k and k + 1, as part of the way, and its error."""
+    linear, roots = y[k] / (y[k] - y[k + 1]), []
+    for count in (MORE, FEWER):
+        c = _powers(times, y, k, count)
+        real = [x.real for x in np.roots(c) if abs(x.imag) < 1e-6 and -1e-9 <= x.real <= 1.0 + 1e-9]
+        roots.append(float(min(real or [linear], key=lambda x: abs(x - linear))))
+    return roots[0], abs(roots[0] - roots[1])
 
 
 def value_at(times: Array, y: Array, time: float) -> tuple[float, float]:

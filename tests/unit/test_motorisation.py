@@ -449,3 +449,53 @@ drives: {crank: {motor: m, gear: g, mass_on: none}}
         ) * np.abs(w)
         lost = 3 * (0.3 * np.abs(w) + 0.1 * np.abs(u)) + (3 * 2 * v**2 if command == "dynamic" else 0.0)
         np.testing.assert_allclose(ratios(result, command)[1:, 0], power / lost, rtol=1e-9)
+
+
+BACK_AND_FORTH = """
+schema: 1
+gravity: [0, -{g}, 0]
+robot:
+  joints:
+    - name: hinge
+      type: revolute
+      axis: [0, 0, 1]
+      spring: {{stiffness: {k}, rest: {rest}, role: drive}}
+      friction: {{coulomb: {c}, viscous: 0.2, transition_speed: 1.0e-4}}
+  links: [{{name: panel, mass: {m}, com: [0.3, 0, 0], inertia: {{zz: 0.05}}}}]
+trajectory:
+  type: quintic
+  points: [{{t: 0, q: {{hinge: {a}}}}}, {{t: 1.3, q: {{hinge: {b}}}}}, {{t: 2.9, q: {{hinge: {d}}}}}]
+motorisation: {{factors: {{friction: 2}}, outside: {{drive_inertia: 1.25}}, required: 0.1}}
+inverse: {{samples: {n}}}
+"""
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    g=st.sampled_from([2.0, 9.81]), k=st.floats(0.5, 5.0), rest=st.floats(-2.0, 2.0), c=POSITIVE, m=POSITIVE,
+    a=st.floats(-1.2, 1.2), b=st.floats(-1.2, 1.2), d=st.floats(-1.2, 1.2),
+)  # fmt: skip
+def test_least_ratios_where_a_rate_or_a_torque_changes_sign(**keys: float) -> None:
+    """Gravity begins to resist and friction turns back within the motion: place and value are those of other samples."""
+    found = []
+    for n in (101, 332, 1501):
+        result = inverse(load_scene_text(BACK_AND_FORTH.format(n=n, **keys)))
+        found.append(result.summary["motorisation"]["hinge"])
+    for kind, (one, two) in itertools.product(("static", "dynamic"), itertools.pairwise(found)):
+        for name in ("ratio", "time", "angle"):
+            if (x := one[kind][name]) is None or (y := two[kind][name]) is None:
+                continue
+            off, more = (each[kind]["errors"][name] for each in (one, two))
+            if off is not None and more is not None:
+                assert abs(x - y) <= off + more + 1e-12 * abs(y), (kind, name)
+
+
+def test_the_least_ratio_at_a_bend_is_known_well() -> None:
+    """Gravity begins to resist on the way down, at q = -pi / 2: the ratio has a corner there, which samples miss."""
+    keys = {"g": 2.0, "k": 0.7, "rest": 2.0, "c": 0.3, "m": 1.0, "a": 0.2, "b": -2.4, "d": 1.0}
+    exact = -0.7 * (2.0 + 0.5 * math.pi) / (2 * 0.3)
+    for n in (301, 1501):
+        result = inverse(load_scene_text(BACK_AND_FORTH.format(n=n, **keys)))
+        one = result.summary["motorisation"]["hinge"]["static"]
+        assert abs(one["ratio"] - exact) <= one["errors"]["ratio"] <= 1e-6 * abs(exact)
+        assert abs(one["angle"] + 0.5 * math.pi) <= one["errors"]["angle"] <= 1e-3
