@@ -13,7 +13,7 @@ from robodyn_cli.record import record
 class Command:
     """One command. Places are ``module:member`` below ``robodyn_cli``.
 
-    help : one line for ``--help``.
+    help : one line for ``--help``. job : the heading that it stands under there.
     run : of a command that a scene may name under ``command``: f(scene, progress=, watch=) -> Result.
     check : what ``validate`` tries, beside every ``run``: f(scene) -> names of missing data. It does what the command
     does before its first step, and raises what the command raises there.
@@ -34,6 +34,7 @@ class Command:
     """
 
     help: str
+    job: str
     run: str = ""
     check: str = ""
     summary: tuple[str, ...] = ()
@@ -50,6 +51,15 @@ class Command:
     takes_up: bool = False
     studied: bool = True
 
+
+# headings of the list of commands, in its order
+MOTIONS = "Motions and forces"
+DESIGNS = "Poses, models, drives"
+SCENES = "Scenes and robots"
+STUDIES = "Many runs"
+RESULTS = "Results"
+TRUST = "Methods, other engines, upkeep"
+JOBS = (MOTIONS, DESIGNS, SCENES, STUDIES, RESULTS, TRUST)
 
 # drawings of any motion, beside those of its command
 MOTION = (
@@ -80,6 +90,7 @@ STILL = ("mechanism:branches", "mechanism:mechanism")
 COMMANDS: dict[str, Command] = {
     "inverse": Command(
         "Torques that a motion needs (inverse dynamics).",
+        MOTIONS,
         run="works.inverse:inverse",
         check="over.checks:inverse",
         summary=(
@@ -107,6 +118,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "simulate": Command(
         "Motion that the torques give (forward dynamics).",
+        MOTIONS,
         run="works.simulate:simulate",
         check="over.checks:simulate",
         summary=(
@@ -135,6 +147,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "deploy": Command(
         "Simulate a mechanism until it locks, by one latch or several.",
+        MOTIONS,
         run="works.deploy.deploy:deploy",
         check="over.checks:deploy",
         summary=(
@@ -154,6 +167,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "kinematics": Command(
         "Motion without forces, mobility, transmission.",
+        MOTIONS,
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
         summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys", "design:DesignKeys"),
@@ -174,6 +188,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "assemble": Command(
         "Close the loops, and find the ways in which they close.",
+        DESIGNS,
         run="works.assemble:assemble",
         check="over.checks:assemble",
         summary=("assemble:AssembleSummary",),
@@ -181,6 +196,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "reach": Command(
         "Joint positions that bring a frame to a pose.",
+        DESIGNS,
         run="works.reach:reach",
         check="over.checks:reach",
         summary=("mechanism:ReachSummary",),
@@ -189,6 +205,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "statics": Command(
         "Balance and its stability, or torques that hold a pose.",
+        MOTIONS,
         run="works.statics:statics",
         check="over.checks:statics",
         summary=("mechanism:StaticsSummary",),
@@ -198,6 +215,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "linearise": Command(
         "Linear model about a state or along a motion: A, B, C, D, poles, modes.",
+        DESIGNS,
         run="works.linearise.linearise:linearise",
         check="over.checks:linearise",
         summary=("linear:LinearSummary",),
@@ -210,6 +228,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "size": Command(
         "Find the cheapest or lightest motors and gears for a motion.",
+        DESIGNS,
         run="works.size.size:size",
         check="over.checks:size",
         summary=(
@@ -221,45 +240,65 @@ COMMANDS: dict[str, Command] = {
         plots=("drives:size_front", "drives:drives"),
         blames="trajectory",
     ),
-    "plan": Command("What a scene needs, what is left out, and operations.", summary=("checks:PlanReport",)),
-    "animate": Command("Make a movie of a result, or a strip of stills.", summary=("checks:MovieReport",)),
-    "cache": Command("Show how much compiled code is kept, or clear it.", summary=("checks:CacheReport",)),
-    "check": Command("Check a result against what its scene expects.", summary=("checks:CheckReport",)),
+    "plan": Command(
+        "What a scene needs, what is left out, and operations.", SCENES, summary=("checks:PlanReport",)
+    ),
+    "animate": Command(
+        "Make a movie of a result, or a strip of stills.", RESULTS, summary=("checks:MovieReport",)
+    ),
+    "cache": Command(
+        "Show how much compiled code is kept, or clear it.", TRUST, summary=("checks:CacheReport",)
+    ),
+    "check": Command(
+        "Check a result against what its scene expects.", RESULTS, summary=("checks:CheckReport",)
+    ),
     "compare": Command(
         "Compare two results, or two directories of results.",
+        RESULTS,
         summary=("checks:ComparisonReport", "checks:TreeReport"),
     ),
     "crosscheck": Command(
         "Compare a scene with Pinocchio, MuJoCo or Drake.",
+        TRUST,
         summary=("crosscheck:CrosscheckReport", "crosscheck:OwnSettingsSummary"),
         plots=("crosscheck:own_settings",),
     ),
-    "import": Command("Write the robot of a URDF, SDF or MJCF file as YAML."),
-    "export": Command("Write a result as CSV, Parquet, MATLAB, NumPy files, or a robot as URDF, MJCF, SDF."),
+    "import": Command("Write the robot of a URDF, SDF or MJCF file as YAML.", SCENES),
+    "export": Command(
+        "Write a result as CSV, Parquet, MATLAB, NumPy files, or a robot as URDF, MJCF, SDF.", RESULTS
+    ),
     "info": Command(
         "Tree, frames, M, C, G and Jacobians at a state.",
+        SCENES,
         summary=("mechanism:InfoReport",),
         plots=("mechanism:state",),
     ),
-    "new": Command("Write a commented scene to begin with."),
-    "plot": Command("Draw stored results again, several over one another."),
+    "new": Command("Write a commented scene to begin with.", SCENES),
+    "plot": Command("Draw stored results again, several over one another.", RESULTS),
     "optimise": Command(
         "Search for values of keys: the least or largest output, or outputs at targets.",
+        STUDIES,
         summary=("search:SearchSummary",),
         plots=("search:search_path", "search:search_keys"),
     ),
     "report": Command(
-        "Write results as one page for a browser, moving drawings included.", summary=("checks:PageReport",)
+        "Write results as one page for a browser, moving drawings included.",
+        RESULTS,
+        summary=("checks:PageReport",),
     ),
-    "run": Command("Run many scenes, each by its own command; check them.", summary=("checks:BatchReport",)),
-    "schema": Command("Print the JSON Schema of scenes, for editors."),
+    "run": Command(
+        "Run many scenes, each by its own command; check them.", STUDIES, summary=("checks:BatchReport",)
+    ),
+    "schema": Command("Print the JSON Schema of scenes, for editors.", SCENES),
     "sensitivity": Command(
         "Derivatives of figures of a run by numbers of its scene.",
+        STUDIES,
         summary=("study:SensitivitySummary",),
         plots=("study:sensitivity_tornado",),
     ),
     "stability": Command(
         "Stiffness, step limits, and what each method does.",
+        TRUST,
         run="over.stability.stability:stability",
         check="over.checks:stability",
         summary=("stability:SuiteSummary", "stability:StabilitySummary"),
@@ -274,13 +313,17 @@ COMMANDS: dict[str, Command] = {
     ),
     "sweep": Command(
         "Many runs with other values of some keys: sweeps and Monte Carlo.",
+        STUDIES,
         summary=("study:StudySummary",),
         plots=("study:study_response", "study:study_map", "study:study_histograms", "study:study_influence"),
     ),
-    "validate": Command("Check scenes and list all that is wrong.", summary=("checks:ValidationReport",)),
-    "view": Command("Open results in the browser."),
+    "validate": Command(
+        "Check scenes and list all that is wrong.", SCENES, summary=("checks:ValidationReport",)
+    ),
+    "view": Command("Open results in the browser.", RESULTS),
     "work-precision": Command(
         "Error against run time, for every method.",
+        TRUST,
         summary=("stability:WorkPrecisionSummary",),
         plots=("methods:work_precision",),
     ),

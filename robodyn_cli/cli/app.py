@@ -14,11 +14,15 @@ from typer.core import TyperGroup
 
 from robodyn_cli.cli.console import Console, guarded, output_lost
 from robodyn_cli.cli.options import with_shared
-from robodyn_cli.commands import COMMANDS
+from robodyn_cli.commands import COMMANDS, JOBS
 from robodyn_cli.errors import WRONG_USAGE, RobodynError, did_you_mean, nearest_word
 from robodyn_cli.version import __version__
 
 PROGRAM = "robodyn"
+HELP = "help"  # `robodyn help COMMAND` is `robodyn COMMAND --help`
+WIDEST = max(map(len, COMMANDS))
+INDENTED = f"\n  {PROGRAM} "
+EXAMPLES = f"\b\nExamples:{INDENTED}"  # the parser keeps the lines of a text that begins with a backspace
 COMPLETION = "_ROBODYN_COMPLETE"  # set by the shell when it asks for completions
 
 
@@ -38,7 +42,9 @@ class Commands(TyperGroup):
         if cmd_name in COMMANDS and cmd_name not in self.commands:
             module = importlib.import_module(f"robodyn_cli.cli.commands.{cmd_name.replace('-', '_')}")
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            alone.command(cmd_name, help=COMMANDS[cmd_name].help)(guarded(with_shared(module.command)))
+            alone.command(cmd_name, help=COMMANDS[cmd_name].help, epilog=EXAMPLES + INDENTED.join(module.EXAMPLES))(
+                guarded(with_shared(module.command))
+            )
             self.commands[cmd_name] = typer.main.get_command(alone)
         return self.commands.get(cmd_name)
 
@@ -48,8 +54,12 @@ class Commands(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, command.help) for name, command in COMMANDS.items()])
+        for job in JOBS:
+            with formatter.section(job):
+                rows = [(name, command.help) for name, command in COMMANDS.items() if command.job == job]
+                formatter.write_dl([(name.ljust(WIDEST), text) for name, text in rows])
+        formatter.write_paragraph()
+        formatter.write_text(f"'{PROGRAM} help COMMAND' shows the options of a command, with examples.")
 
     def main(
         self,
@@ -80,6 +90,8 @@ def _outcome(group: Any, words: list[str]) -> int:
     ``guarded`` reports errors of the command. Handled here are words that the parser refuses, and its own text (help,
     version) that cannot be written.
     """
+    if words[:1] == [HELP]:
+        words = [*words[1:2], "--help"]
     console = Console(as_json="--json" in words)
     try:
         with group.make_context(PROGRAM, words.copy() or ["--help"]) as context:

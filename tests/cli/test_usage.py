@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.commands import COMMANDS
+from robodyn_cli.commands import COMMANDS, JOBS
 from tests.cli.batch_scenes import arm
 from tests.cli.tool import CONFIGS, ROOT, environment, invoke, run
 
@@ -64,7 +64,7 @@ def test_in_a_process_of_its_own() -> None:
 
 def test_nothing_at_all_is_a_question() -> None:
     done = invoke()
-    assert done.code == 2 and "Commands:" in done.err + done.out
+    assert done.code == 2 and "Many runs:" in done.err + done.out
 
 
 @pytest.mark.parametrize("words", [["--help"], ["simulate", "-h"], ["--version"]])
@@ -134,3 +134,15 @@ def test_quiet_validation_prints_errors(tmp_path: Path) -> None:
     assert done.code == 2 and done.out == ""
     lines = done.err.splitlines()
     assert len(lines) >= 2 and all(line.startswith(f"robodyn: error: {path}:") for line in lines)
+
+
+def test_help_by_word_is_help_by_option() -> None:
+    assert invoke("help", "sweep") == invoke("sweep", "--help")
+    assert invoke("help") == invoke("--help")
+    assert "did you mean 'sweep'" in invoke("help", "sweeep").err
+
+
+def test_the_list_of_commands_is_by_job() -> None:
+    text = invoke("--help").out
+    assert [line[:-1] for line in text.splitlines() if line.endswith(":") and line[:-1] in JOBS] == list(JOBS)
+    assert all(f"\n  {name} " in text for name in COMMANDS)

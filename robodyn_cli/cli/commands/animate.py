@@ -16,6 +16,13 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, number, q
 positive = number("a number > 0", lambda x: 0.0 < x < math.inf)
 
 
+EXAMPLES = (
+    "animate outputs/four_bar_deploy/deploy --file four_bar.gif",
+    "animate outputs/four_bar_deploy/deploy --file four_bar.mp4",
+    "animate outputs/four_bar_deploy/deploy --file strip.png",
+)
+
+
 def command(
     result: StoredResult,
     file: Annotated[

@@ -17,6 +17,13 @@ ILL_CONDITIONED = 1e6  # condition number of the inertia that is told
 ROUNDING = 1e-9  # tolerance from which on loops do not close exactly
 
 
+EXAMPLES = (
+    "assemble configs/four_bar_deploy.yaml",
+    "assemble configs/four_bar_deploy.yaml --branches",
+    "assemble configs/published/delta.yaml --json",
+)
+
+
 def command(
     scene: SceneFile,
     branches: Annotated[

@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from robodyn_cli.summaries.checks import CacheReport
 
 
+EXAMPLES = (
+    "cache",
+    "cache --clear",
+    "cache --json",
+)
+
+
 def command(
     clear: Annotated[bool, typer.Option("--clear", help="Remove all compiled code.")] = False,
     as_json: ReportAsJson = False,

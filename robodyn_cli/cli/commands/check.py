@@ -11,6 +11,12 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, file
 from robodyn_cli.errors import FAILED, SceneError
 
+EXAMPLES = (
+    "check outputs/four_bar_deploy/deploy",
+    "check outputs/four_bar_deploy/deploy configs/four_bar_deploy.yaml",
+    "check outputs/2r_circle/inverse --json",
+)
+
 
 def command(
     result: StoredResult,

@@ -20,6 +20,13 @@ PLURAL = {"equal": "agree", "differs": "differ"}
 WORDS = {"missing": "only in the baseline", "extra": "only in the results"}
 
 
+EXAMPLES = (
+    "compare outputs/first outputs/second",
+    "compare outputs baseline",
+    "compare outputs/first outputs/second --json",
+)
+
+
 def command(
     result: Annotated[
         Path,

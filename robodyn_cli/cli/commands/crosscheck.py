@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from robodyn_cli.summaries.crosscheck import CrosscheckReport
 
 
+EXAMPLES = (
+    "crosscheck configs/2r_circle.yaml --with pinocchio",
+    "crosscheck configs/four_bar_deploy.yaml --with mujoco --json",
+    "crosscheck configs/four_bar_deploy.yaml --with mujoco --own-settings --out outputs/soft",
+)
+
+
 def command(
     scene: SceneFile,
     engine: Annotated[

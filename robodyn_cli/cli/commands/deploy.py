@@ -92,6 +92,13 @@ def _after_lock(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+EXAMPLES = (
+    "deploy configs/four_bar_deploy.yaml",
+    "deploy configs/mechanisms/solar_array.yaml --no-plots",
+    "deploy configs/four_bar_deploy.yaml --set initial.q.phi1=3.1 --out outputs/other_branch",
+)
+
+
 def command(
     scene: SceneFile,
     shared: SharedOptions,

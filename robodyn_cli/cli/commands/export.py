@@ -17,6 +17,13 @@ OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
 SCENES = (".yaml", ".yml", ".urdf", ".sdf", ".xml", ".mjcf")
 
 
+EXAMPLES = (
+    "export outputs/double_pendulum/simulate --to csv --out tables",
+    "export configs/four_bar_deploy.yaml --to mjcf --out four_bar",
+    "export configs/2r_circle.yaml --c arm_in_c",
+)
+
+
 def command(
     source: Annotated[
         Path,

@@ -12,6 +12,12 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, Strict, file, utf8
 from robodyn_cli.cli.runner import warn
 
+EXAMPLES = (
+    "import configs/robots/lift_arm.urdf lift_arm.yaml",
+    "import configs/robots/crank_rocker.sdf",
+    "import robot.xml robot.yaml",
+)
+
 
 def command(
     description: Annotated[

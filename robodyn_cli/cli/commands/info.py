@@ -21,6 +21,12 @@ from robodyn_cli.cli.options import (
 from robodyn_cli.cli.runner import begun, default_directory, output, placed, publish
 from robodyn_cli.summaries.facts import LOAD
 
+EXAMPLES = (
+    "info configs/2r_circle.yaml",
+    "info configs/2r_circle.yaml --at 'q=[60 deg, -40 deg]'",
+    "info configs/four_bar_deploy.yaml --json",
+)
+
 
 def command(
     scene: SceneFile,

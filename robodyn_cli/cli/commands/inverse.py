@@ -71,6 +71,13 @@ def _fastest(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
+EXAMPLES = (
+    "inverse configs/2r_circle.yaml",
+    "inverse configs/2r_circle.yaml --set trajectory.ik.branch=elbow_down --no-plots",
+    "inverse configs/mechanisms/five_bar_circle.yaml --json",
+)
+
+
 def command(scene: SceneFile, shared: SharedOptions, strict: Strict = False) -> int:
     """Compute the torques of a motion; return the exit code."""
     return run_scene(shared.job("inverse", scene, strict), shared.console, describe)

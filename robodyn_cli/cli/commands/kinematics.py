@@ -65,6 +65,13 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+EXAMPLES = (
+    "kinematics configs/mechanisms/four_bar_kinematics.yaml",
+    "kinematics configs/mechanisms/kinematic_design.yaml",
+    "kinematics configs/mechanisms/five_bar_circle.yaml --plots tip_path",
+)
+
+
 def command(scene: SceneFile, shared: SharedOptions, strict: Strict = False) -> int:
     """Move a mechanism by its driven joints; return the exit code."""
     return run_scene(shared.job("kinematics", scene, strict), shared.console, describe)

@@ -26,6 +26,13 @@ ABOUT = {
 }
 
 
+EXAMPLES = (
+    "linearise configs/double_pendulum.yaml --at balance",
+    "linearise configs/double_pendulum.yaml --at 'theta1=20 deg, theta2=10 deg' --hold --input theta1,theta2",
+    "linearise configs/double_pendulum.yaml --along --instants 0,0.5,2",
+)
+
+
 def command(
     scene: SceneFile,
     at: Annotated[

@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.starters import Starter
 
 
+EXAMPLES = (
+    "new simulate pendulum.yaml",
+    "new --from puma560 arm.yaml",
+    "new --example four_bar_deploy",
+)
+
+
 def command(
     kind: Annotated[
         str | None,

@@ -27,6 +27,15 @@ KEEP = re.compile(r"\s*([^<>=\s]+)\s*((?:<|>).*)", re.DOTALL)
 BETWEEN = re.compile(r"\s*([^<>=\s]+)\s*=\s*(.*\.\..*)", re.DOTALL)
 
 
+EXAMPLES = (
+    "optimise configs/search/spring_balance.yaml",
+    "optimise configs/2r_circle.yaml --vary 'trajectory.center#1=uniform(0.9, 1.3)' "
+    "--minimise rms_torque.theta1",
+    "optimise configs/four_bar_deploy.yaml --vary 'torques.theta1#1=uniform(1.5, 4)' --minimise lock.time "
+    "--keep 'lock.rates.phi1 <= 1.5'",
+)
+
+
 def command(
     scene: SceneFile,
     vary: Annotated[

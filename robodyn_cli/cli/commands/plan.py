@@ -12,6 +12,12 @@ from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
 from robodyn_cli.cli.runner import place_in_files, placed
 from robodyn_cli.errors import SceneError
 
+EXAMPLES = (
+    "plan configs/2r_circle.yaml",
+    "plan configs/four_bar_deploy.yaml",
+    "plan configs/double_pendulum.yaml --json",
+)
+
 
 def command(
     scene: SceneFile,

@@ -11,6 +11,12 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import PlotFormat, PlotNames, Quiet, ReportAsJson, StoredResults
 
+EXAMPLES = (
+    "plot outputs/double_pendulum/simulate",
+    "plot outputs/double_pendulum/simulate --plots joint_angles --format svg",
+    "plot outputs/first outputs/second --out outputs/both",
+)
+
 
 def command(
     results: StoredResults,

@@ -16,6 +16,13 @@ from robodyn_cli.summaries.facts import OWN
 ROUNDING = 1e-12  # rad or m
 
 
+EXAMPLES = (
+    "reach configs/mechanisms/puma_reach.yaml",
+    "reach configs/mechanisms/puma_reach.yaml --branch lefty-elbow_up-flip",
+    "reach configs/mechanisms/puma_reach.yaml --position 0.4,0.2,0.9 --rpy '0,90 deg,0.3'",
+)
+
+
 def command(
     scene: SceneFile,
     frame: Annotated[

@@ -33,6 +33,13 @@ def page_file(word: str) -> Path:
     return Path(word)
 
 
+EXAMPLES = (
+    "report outputs/four_bar_deploy/deploy --file four_bar.html",
+    "report outputs/first outputs/second --file both.html",
+    "report outputs/four_bar_deploy/deploy --file live.html --live robot.links.crank.mass=5:60",
+)
+
+
 def command(
     results: StoredResults,
     file: Annotated[

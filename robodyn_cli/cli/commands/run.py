@@ -35,6 +35,13 @@ if TYPE_CHECKING:
     from robodyn_cli.report.registry import Drawings
 
 
+EXAMPLES = (
+    "run configs",
+    "run configs --junit report.xml",
+    "run configs --baseline baseline",
+)
+
+
 def command(
     scenes: SceneFiles,
     jobs: Jobs = None,

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from robodyn_cli.cli.console import Console
 
+EXAMPLES = (
+    "schema",
+    "schema > scene.schema.json",
+)
+
 
 def command() -> int:
     """Print the JSON Schema; return the exit code."""

@@ -18,6 +18,14 @@ from robodyn_cli.threads import cores
 MOST_REASONS = 6  # shown on the terminal
 
 
+EXAMPLES = (
+    "sensitivity configs/2r_circle.yaml --of peak_torque.theta1 --to robot.links.link2.mass",
+    "sensitivity configs/four_bar_deploy.yaml --of lock.time --to robot.links.crank.mass "
+    "--to 'torques.theta1#2'",
+    "sensitivity configs/double_pendulum.yaml --of final.q.theta2 --to initial.q.theta1 --json",
+)
+
+
 def command(
     scene: SceneFile,
     to: Annotated[

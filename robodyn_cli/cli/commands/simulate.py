@@ -57,6 +57,13 @@ def _happenings(summary: Mapping[str, Any]) -> list[str]:
     return [*latch_lines(summary), *payload_lines(summary)]
 
 
+EXAMPLES = (
+    "simulate configs/double_pendulum.yaml",
+    "simulate configs/double_pendulum.yaml --set initial.q.theta2='90 deg' --set simulate.duration=20",
+    "simulate configs/cart_pole_lqr.yaml --out outputs/cart",
+)
+
+
 def command(
     scene: SceneFile,
     shared: SharedOptions,

@@ -71,6 +71,13 @@ def _written(drive: Mapping[str, Any]) -> str:
     return "{" + ", ".join(f"{key}: {value}" for key, value in parts.items()) + "}"
 
 
+EXAMPLES = (
+    "size configs/2r_circle.yaml",
+    "size configs/2r_circle.yaml --types brushless --margin 0.2",
+    "size configs/2r_circle.yaml --by mass --thorough",
+)
+
+
 def command(
     scene: SceneFile,
     by: Annotated[str, typer.Option("--by", metavar="cost|mass", help="What is to be small.")] = "cost",

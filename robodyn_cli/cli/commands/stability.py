@@ -14,6 +14,12 @@ from robodyn_cli.cli.words import error_text, table
 from robodyn_cli.errors import FAILED, SceneError
 from robodyn_cli.summaries.facts import rounded_up
 
+EXAMPLES = (
+    "stability configs/double_pendulum.yaml",
+    "stability configs/stick_slip.yaml --json",
+    "stability --suite",
+)
+
 
 def command(
     scene: Annotated[

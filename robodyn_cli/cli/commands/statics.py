@@ -44,6 +44,13 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+EXAMPLES = (
+    "statics configs/double_pendulum.yaml --no-plots",
+    "statics configs/four_bar_deploy.yaml --set statics.find=hold",
+    "statics configs/search/spring_balance.yaml --json",
+)
+
+
 def command(scene: SceneFile, shared: SharedOptions, strict: Strict = False) -> int:
     """Find torques or a balance at rest; return the exit code."""
     return run_scene(shared.job("statics", scene, strict), shared.console, describe)

@@ -30,6 +30,16 @@ if TYPE_CHECKING:
 MOST_CASES = 8  # shown on the terminal
 
 
+EXAMPLES = (
+    "sweep configs/2r_circle.yaml --vary 'robot.links.link2.mass=linspace(10, 20, 11)' "
+    "--of peak_torque.theta1",
+    "sweep configs/four_bar_deploy.yaml --vary 'robot.links.crank.mass=normal(20.15, 2 %)' -n 100 "
+    "--of lock.time",
+    "sweep configs/mechanisms/crane.yaml --vary 'control.gains.kd=linspace(100, 500, 5)' "
+    "--of extremes.q.trolley.largest",
+)
+
+
 def command(
     scene: SceneFile,
     vary: Annotated[

@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from robodyn_cli.summaries.checks import Finding
 
 
+EXAMPLES = (
+    "validate configs/*.yaml",
+    "validate configs --strict",
+    "validate configs/2r_circle.yaml --json",
+)
+
+
 def command(
     scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
 ) -> int:

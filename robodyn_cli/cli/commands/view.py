@@ -11,6 +11,12 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import LiveKeys, NoPlan, Quiet, ReportAsJson, StoredResults
 
+EXAMPLES = (
+    "view outputs/four_bar_deploy/deploy",
+    "view outputs/first outputs/second",
+    "view outputs/four_bar_deploy/deploy --live robot.links.crank.mass=5:60",
+)
+
 
 def command(
     results: StoredResults,

@@ -25,6 +25,13 @@ def tolerances_of(text: str) -> list[float]:
     return [read(word) for word in text.split(",")]
 
 
+EXAMPLES = (
+    "work-precision configs/double_pendulum.yaml",
+    "work-precision configs/four_bar_deploy.yaml",
+    "work-precision configs/double_pendulum.yaml --json",
+)
+
+
 def command(
     scene: SceneFile,
     out: OutDir = None,
