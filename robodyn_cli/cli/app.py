@@ -42,9 +42,9 @@ class Commands(TyperGroup):
         if cmd_name in COMMANDS and cmd_name not in self.commands:
             module = importlib.import_module(f"robodyn_cli.cli.commands.{cmd_name.replace('-', '_')}")
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            alone.command(cmd_name, help=COMMANDS[cmd_name].help, epilog=EXAMPLES + INDENTED.join(module.EXAMPLES))(
-                guarded(with_shared(module.command))
-            )
+            alone.command(
+                cmd_name, help=COMMANDS[cmd_name].help, epilog=EXAMPLES + INDENTED.join(module.EXAMPLES)
+            )(guarded(with_shared(module.command)))
             self.commands[cmd_name] = typer.main.get_command(alone)
         return self.commands.get(cmd_name)
 
