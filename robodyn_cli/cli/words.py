@@ -187,7 +187,7 @@ def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
     dependent = shared.get("multipliers", "unique") != "unique" or (
         "equilibrium" in summary and summary.get("mobility", {}).get("redundant_rows", 0) > 0
     )
-    if dependent or multipliers.get("unique") is False:
+    if dependent or str(multipliers.get("choice", "")).startswith("least norm"):
         rows = summary.get("assembly", {}).get("redundant_rows", ())
         which = f"redundant rows {', '.join(rows)}" if rows else "rows depend on each other"
         lines.append(

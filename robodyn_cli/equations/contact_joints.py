@@ -4,7 +4,8 @@ Contact states are parameters p of the equations, which events change: the const
 part of the equations and is switched on and off by its parameter, so one compiled program serves all combinations.
 
     hold = 1:  v-dot = 0, with a multiplier lambda that must stay within [low, high]
-    hold = 0:  lambda = 0, and Coulomb friction acts against ``direction``
+    hold = 0:  lambda = 0, and Coulomb friction acts against ``direction``; or, in a joint that stands still because
+               others are held, the torque ``carried``
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from robodyn_cli.forces.friction import Friction
     from robodyn_cli.forces.limits import Limits
 
-FIELDS = ("hold", "direction", "low", "high")
+FIELDS = ("hold", "direction", "low", "high", "carried")
 UNBOUNDED = 1e300  # a bound beyond every multiplier
 
 
@@ -29,7 +30,8 @@ UNBOUNDED = 1e300  # a bound beyond every multiplier
 class ContactJoint:
     """A joint with a contact state, or a coordinate of one.
 
-    q, v : its places. hold, direction, low, high : parameters p from ``place`` on.
+    q, v : its places. hold, direction, low, high, carried : parameters p from
+    ``place`` on.
     """
 
     name: str
@@ -40,6 +42,7 @@ class ContactJoint:
     direction: Expr
     low: Expr
     high: Expr
+    carried: Expr
     gear_ratio: float = 1.0
     friction: Friction | None = None
     limits: Limits | None = None
@@ -78,13 +81,13 @@ def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
             continue
         first = forces[0]
         place = len(model.parameters) + len(FIELDS) * len(joints)
-        hold, direction, low, high = (
+        hold, direction, low, high, carried = (
             model.graph.symbol(f"{first.name}.{name}", PARAMETER_GROUP, place + k)
             for k, name in enumerate(FIELDS)
         )
         joints.append(
             ContactJoint(
-                first.name, first.q, first.v, place, hold, direction, low, high,
+                first.name, first.q, first.v, place, hold, direction, low, high, carried,
                 first.gear_ratio, friction, limits,
             )
         )  # fmt: skip

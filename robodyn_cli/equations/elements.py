@@ -254,7 +254,7 @@ class JointForces:
         rate, gear = self._rate(force), force.gear_ratio
         torque: Any
         if smooth and (joint := self.sliding.get(id(force.element))) is not None:
-            torque = force.element.slip_torque(rate, gear, joint.direction)
+            torque = force.element.slip_torque(rate, gear, joint.direction) + joint.carried
             return torque
         try:
             torque = force.element.torque(self.q[force.q], rate, gear, smooth)

@@ -61,6 +61,11 @@ class Watcher:
         return []
 
     @property
+    def together(self) -> Sequence[str]:
+        """Names of joints that have stuck together so that their loads are not determined."""
+        return ()
+
+    @property
     def noted(self) -> dict[str, float]:
         """Times [s] of what it has noted on the way, by name, for a run that goes on after it was killed."""
         return {}
@@ -166,6 +171,11 @@ class Motion:
     def beginning(self) -> Beginning:
         """The start as what a run begins with."""
         return Beginning(0.0, self.start)
+
+    @property
+    def sticking_together(self) -> tuple[str, ...]:
+        """Names of joints that have stuck together so that their loads were not determined."""
+        return tuple(name for watcher in self.watchers for name in watcher.together)
 
     def with_own_watchers(self, system: System | None = None) -> Motion:
         """Return the motion with watchers of its own, and with another ``system`` of the same events."""

@@ -270,7 +270,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         constraint_residual=residual_of(recorder, judgement.redundant) if constrained else ABSENT,
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
-        multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
+        multipliers=describe_dependence(motion, driver.repartitions) if constrained else ABSENT,
         # those of a run that came to its end are located between its steps (``with_figures``)
         reactions=observer.reactions.described(recorder.largest_loads(driver.instants))
         if observer.reactions and failure is not None
@@ -325,12 +325,15 @@ def tolerances(options: Options) -> Accuracy:
     return Accuracy(options.rtol, options.atol)
 
 
-def describe_dependence(problem: Problem, repartitions: int) -> MultiplierChoice:
-    """Return what the summary says about the multipliers: unique, or of least norm and why."""
+def describe_dependence(motion: Motion, repartitions: int) -> MultiplierChoice:
+    """Return what the summary says about the multipliers: unique, or which and why."""
+    problem, together = motion.problem, motion.sticking_together
+    choice = f"not determined while {', '.join(together)} stick together" if together else ABSENT
     if not problem.dependent:
-        return MultiplierChoice(True)
+        return MultiplierChoice(not together, choice)
     groups = [
         DependentRows(sorted({closure_of(name) for name in g.rows}), list(g.rows), g.rank)
         for g in problem.dependent
     ]
-    return MultiplierChoice(False, "least norm", groups, repartitions)
+    least = "least norm" if choice is ABSENT else f"least norm; {choice}"
+    return MultiplierChoice(False, least, groups, repartitions)

@@ -109,7 +109,10 @@ class Trial:
 def trial(driver: Driver, method: str, end: float, steps: int) -> Trial:
     """Go on for a few steps from where a driver is, apart from it and without events."""
     options = dataclasses.replace(driver.options, max_steps=steps)
-    scout = Driver(driver.system, method, options, parameters=driver.parameters)
+    partition, p = driver.system.partition, driver.parameters
+    scout = Driver(
+        driver.system, method, options, parameters=p if partition is None else p[: partition.first]
+    )
     scout.start(driver.time, driver.state)
     failed = False
     try:

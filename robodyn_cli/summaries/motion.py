@@ -124,7 +124,9 @@ class MultiplierChoice:
     """Whether the multipliers are unique, else which were chosen and why."""
 
     unique: bool = fact("whether the rows decide them")
-    choice: str | Absent = fact("`least norm`, where they do not", default=ABSENT)
+    choice: str | Absent = fact(
+        "`least norm`, where they do not; or while which joints stick together", default=ABSENT
+    )
     dependent: list[DependentRows] | Absent = fact(
         "each group of rows that depend on each other", default=ABSENT
     )

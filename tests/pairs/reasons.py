@@ -36,7 +36,7 @@ REASONS: dict[str, str] = {
     r"closes loops; this scene has none|deploy needs a mechanism with closed loops": "what closes or locks needs loops or a latch",
     r"its actuated joints \(.*\) command|the driven joints \(.*\) command|needs as many driven joints as degrees":
         "in a mechanism as many independent joints are driven as there are degrees of freedom",
-    r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
+    r"prescribed motion leave no freedom": "joints whose motion is given do not stick",
     r"deploy.latches: latch '\w+' (cannot hold|has a spring)|latch holds the links of a closure|latch of a closed mechanism has a spring":
         "a latch holds a joint of one axis, or links that a closure of type `revolute` joins, with a spring where joints turn about parallel axes",
     r"deploy.latches(\.\w+)*: does not go with": "rigid latches hold no prescribed joint, and dead points that close latches need loops that nothing prescribes",

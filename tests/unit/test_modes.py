@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
@@ -234,11 +234,6 @@ def test_loops_with_friction_in_the_crank() -> None:
     assert {"stick", "slip"} <= set(kinds(found))
     assert found.summary["energy_drift_relative"] < 1e-8
     assert found.summary["constraint_residual"]["position"] < 1e-12
-    two = text.replace(
-        "a: 0.9, alpha: 0, d: 0}", "a: 0.9, alpha: 0, d: 0, friction: {law: set_valued, coulomb: 1}}", 1
-    )
-    with pytest.raises(CapabilityError, match="unique"):
-        run(two)
 
 
 def test_inverse_dynamics_needs_no_contact_states() -> None:

@@ -7,37 +7,58 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.contact_joints import ContactJoint
-from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.solve.closure import rank
+from robodyn_cli.errors import CapabilityError, NumericalError, listed
+from robodyn_cli.motion.contact.sticking import DEPENDENT, independent_count, motions_left
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
+LOADS = ("reactions/", "loop_reactions/", "latch_loads/")  # columns of loads
 MISSED = 1e-6  # what has gone past an event by this part of its scale was missed
 
 
-def check_freedom(joints: Sequence[ContactJoint], psi: Array, tolerance: float) -> None:
-    """Refuse more joints that could stick than the mechanism has degrees of freedom.
+def check_freedom(joints: Sequence[ContactJoint], psi: Array, tolerance: float) -> bool:
+    """Tell whether more joints could stick than the mechanism has freedoms for them.
 
     psi : (m, nv). tolerance : ratio of its singular values below which rows depend on each other.
 
     Raises
     ------
-    CapabilityError : their forces at rest would not be unique.
+    CapabilityError : the motion of one is given, so that nothing says what its friction is at rest.
     """
     sticking = [joint for joint in joints if joint.friction is not None]
-    rank_of_psi = rank(psi, tolerance) if psi.size else 0
-    motions = np.linalg.svd(psi)[2][rank_of_psi:] if psi.size else np.eye(psi.shape[1])
-    held = (
-        int(np.linalg.matrix_rank(motions[:, [joint.v for joint in sticking]], tol=tolerance))
-        if sticking
-        else 0
-    )
-    if held < len(sticking):
-        names = ", ".join(joint.name for joint in sticking)
+    if not sticking:
+        return False
+    motions = motions_left(psi, tolerance)[[joint.v for joint in sticking]]
+    given = [joint.name for joint, own in zip(sticking, motions) if np.linalg.norm(own) < DEPENDENT]
+    if given:
         raise CapabilityError(
-            f"friction with 'law: set_valued' in {names}: with {len(motions)} degrees of freedom left by loops and "
-            "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "
-            "prescribed, or 'transition_speed' in the others",
-            joint=sticking[-1].name,
+            f"friction with 'law: set_valued' in {listed(given)}: loops and prescribed motion leave no freedom to "
+            f"{'it' if len(given) == 1 else 'them'}, so that friction at rest would not be unique; allowed: "
+            "'transition_speed' there",
+            joint=given[-1],
+        )
+    return independent_count(motions.T) < len(sticking)
+
+
+def refuse_loads(scene: Scene, joints: Sequence[ContactJoint]) -> None:
+    """Refuse loads that are not unique where more joints stick than there are freedoms.
+
+    Raises
+    ------
+    CapabilityError : the scene asks for them.
+    """
+    keys = {
+        "outputs.reactions": scene.outputs.reactions,
+        "outputs.extremes": any(name.startswith(LOADS) for name in scene.outputs.extremes),
+        "prescribed": scene.prescribed,
+    }
+    for key in (key for key, asks in keys.items() if asks):
+        names = listed([joint.name for joint in joints if joint.friction is not None])
+        raise CapabilityError(
+            f"{key}: friction with 'law: set_valued' in {names}, more joints than there are degrees of freedom: while "
+            "they stick, loads in joints, loops and prescribed joints are not unique; allowed: without this key, or "
+            "'transition_speed' in some of these joints",
+            key=key,
         )
 
 

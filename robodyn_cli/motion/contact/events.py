@@ -72,10 +72,12 @@ def known_sides(
     state: Sequence[int],
     rest: Collection[int],
     contact: Mapping[int, float],
+    carried: Collection[int],
 ) -> dict[int, float]:
     """Return the side from which each event function starts, by its number, where that is known.
 
     state : of each joint. rest : joints at rest. contact : the direction in which a stop pushes a joint.
+    carried : joints at rest that others hold.
     """
     sides = {}
     for number, function in enumerate(functions):
@@ -87,7 +89,7 @@ def known_sides(
         elif function.transition is Transition.REST:
             known = not held and state[k] != HELD
         else:
-            known = held
+            known = held and k not in carried
         if known:
             sides[number] = 1.0
     return sides

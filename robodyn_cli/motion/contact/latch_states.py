@@ -134,7 +134,7 @@ class LatchStates(ContactStates):
 
     @property
     def warnings(self) -> list[str]:
-        return [
+        return super().warnings + [
             f"the run ends before the load in the spring of latch {self.names[k]!r} has come to its first peak; "
             "a longer 'simulate.duration' follows it"
             for k in self.closed

@@ -92,7 +92,9 @@ class Latches(LatchStates):
     def arm(self, x: Array) -> Outcome:
         self._carry()
         sides = {n: 1.0 for n, f in enumerate(self._own) if self._starts_positive(f)} | self._turning(x)
-        contacts = known_sides(self.functions[len(self._own) :], self.state, self.rest, self.contact)
+        contacts = known_sides(
+            self.functions[len(self._own) :], self.state, self.rest, self.contact, self.carried
+        )
         return Jump(
             x, self.p, sides | {n + len(self._own): side for n, side in contacts.items()}, self._flight
         )

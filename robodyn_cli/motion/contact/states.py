@@ -1,127 +1,46 @@
 """Sticking, slipping, impacts and contact along a motion: what events do to the contact states of joints.
 
-After each event the states of the joints at rest are found anew, all together: each is held with a multiplier within
-its bounds, or moves off in a direction in which it does accelerate (a linear complementarity problem).
+After each event the states of the joints at rest are found anew, all together (see ``joint_states``).
 """
 
 from __future__ import annotations
 
 import copy
-import itertools
-from collections import Counter, deque
 from collections.abc import Collection
-from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
-from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.formulations.events import Event, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import STATE_GROUPS
-from robodyn_cli.motion.contact.checks import check_freedom, refuse_blocked, refuse_missed
-from robodyn_cli.motion.contact.events import (
-    HELD,
-    STOPS,
-    ContactFunction,
-    Transition,
-    contact_functions,
-    known_sides,
-)
+from robodyn_cli.motion.contact.checks import refuse_blocked, refuse_missed
+from robodyn_cli.motion.contact.events import STOPS, ContactFunction, Transition, known_sides
 from robodyn_cli.motion.contact.impact import Impact, halted, is_lost
-from robodyn_cli.motion.motion import Motion, Watcher
-from robodyn_cli.ready.singularity import rank_tolerance
+from robodyn_cli.motion.contact.joint_states import AT_REST, CROWD, JointStates
 from robodyn_cli.spatial.algebra import Array
 
 AT_STOP = 1e-12  # a joint this close to a stop, relative to its position, is at it
-AT_REST = 1e-13  # a rate this small, relative to the largest, is zero
-FORCE = 1e-9  # a multiplier may pass its bound by this part of the largest one, for rounding
-COMBINATIONS = 6561  # of contact states that are tried where pivoting does not end
 CASCADE = 1000  # impacts at one instant, each caused by the one before
-CROWD, CROWDED = 1000, 1e-5  # so many events within this part of the time so far (or of a second) get nowhere
+CROWDED = 1e-5  # the part of the time so far (or of a second) within which a crowd of events gets nowhere
 LATER = 0.1  # a second integration follows bounces longer, or both would come to rest after the same one
 FLIGHT = 1 / 8  # the first step after an impact, as a part of the time to the next one
 
 
-class ContactStates(Watcher):
-    """The contact states of one run; ``p`` holds the parameters of the equations that say which are on.
-
-    state : of each joint, HELD or its direction of motion. rest : joints at rest. contact : direction in which the stop
-    pushes, of joints on one. counts : transitions that have happened, by kind.
+class ContactStates(JointStates):
+    """The contact states of one run, and what events do to them.
 
     A joint rests on a stop when its next bounce would be lower and slower than the tolerances, or shorter than a fixed
     step resolves.
     """
 
-    functions: tuple[ContactFunction, ...]
-    changes_motion = True
-    sets_start = True
     slowest = 1.0  # times the rate below which a joint does not bounce any more
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.joints = problem.contact_joints
-        self.functions = contact_functions(problem, self)
-
-    def follow(self, motion: Motion) -> None:
-        """Make what is evaluated at events; see ``check_freedom`` for what is refused before anything is compiled."""
-        self.system, q = motion.system, motion.assembled.q
-        psi = self.problem.numbers(self.problem.psi, q).reshape(-1, self.problem.model.nv)
-        check_freedom(self.joints, psi, rank_tolerance(self.problem, q))
-        rates = {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}
-        self._rates = SampleKernel(rates, STATE_GROUPS)
-        matrices = {"M": list(self.problem.mass_matrix.ravel()), "psi": list(self.problem.psi.ravel())}
-        self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, STATE_GROUPS)
-        self._clear()
-
-    @property
-    def kernels(self) -> dict[str, SampleKernel]:
-        return {"accelerations and holding forces at events": self._rates, "impacts": self._matrices}
-
-    def _clear(self) -> None:
-        self.p = np.array(self.system.parameters)
-        self.state: list[int] = [0] * len(self.joints)
-        self.rest: set[int] = set()
-        self.contact: dict[int, float] = {}
-        self._log: list[dict[str, Any]] = []
-        self.counts: Counter[str] = Counter()
-        self._flight = np.inf
-        self._fastest = 0.0
-        self._load = 1e-300  # the largest multiplier so far
-        self._known_held: set[int] = set()
-        self._recent: deque[tuple[float, str]] = deque(maxlen=CROWD)
-        self._inertia = np.ones(self.problem.model.nv)
-
-    @property
-    def log(self) -> list[dict[str, Any]]:
-        return self._log
-
-    def facts(self, end: float) -> dict[str, Any]:
-        return {"transitions": dict(self.counts)}
 
     def again(self) -> ContactStates:
         other = copy.copy(self)
         other.slowest = LATER
         other._clear()
         return other
-
-    # -- places ---------------------------------------------------------------------------------------
-    def _q(self, joint: ContactJoint) -> int:
-        return self.system.q_places[joint.q]
-
-    def _v(self, joint: ContactJoint) -> int:
-        return self.system.v_places[joint.v]
-
-    def rates(self, t: float, x: Array) -> tuple[Array, Array]:
-        """Return accelerations (nv,) and multipliers of held joints in the present contact states."""
-        values = self._rates.evaluate(1, self._groups(t, x))
-        return values["a"][0], values["lam"][0]
-
-    def _groups(self, t: float, x: Array) -> dict[str, Array]:
-        """Return the inputs of kernels at a state in the present contact states."""
-        return self.system.at(t, x, self.p)
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -151,15 +70,14 @@ class ContactStates(Watcher):
         self._write()
         return x
 
-    def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
-        """Return the mass matrix (nv, nv) and Psi (m, nv) at a state."""
-        values = self._matrices.evaluate(1, self._groups(t, x))
-        nv = self.problem.model.nv
-        return values["M"].reshape(nv, nv), values.get("psi", np.zeros(0)).reshape(-1, nv)
-
     def arm(self, x: Array) -> Outcome:
         """Return the present contact states, and the sides from which event functions start."""
-        return Jump(x, self.p, known_sides(self.functions, self.state, self.rest, self.contact), self._flight)
+        return Jump(
+            x,
+            self.p,
+            known_sides(self.functions, self.state, self.rest, self.contact, self.carried),
+            self._flight,
+        )
 
     def handle(self, event: Event) -> Outcome:
         """Change contact states and the state at an event; the run goes on."""
@@ -181,7 +99,13 @@ class ContactStates(Watcher):
                     self._mass_matrix_and_psi(t, x)[1], x[v], [self.joints[j].v for j in sorted(self.rest)]
                 )
         elif k in self.rest:
-            forced[k] = -1 if function.transition is Transition.BREAK_HIGH else 1
+            over = function.transition is Transition.BREAK_HIGH
+            forced[k] = -1 if over else 1
+            if self.carried:
+                relieved = self._relieve(t, x, k, over)
+                if relieved is None:
+                    return self.arm(x)
+                forced = relieved
         self._settle(t, x, forced)
         self._write()
         return self.arm(x)
@@ -200,109 +124,6 @@ class ContactStates(Watcher):
         q, v, _ = self.system.split(x)
         self._fastest = max(self._fastest, float(np.abs(v).max(initial=0.0)))
         refuse_missed(self.joints, self.state, t, q, v, self._fastest)
-
-    # -- contact states -------------------------------------------------------------------------------
-    def _settle_speeds(self, x: Array) -> None:
-        """Sort the joints by their rates: those at rest, and the directions of the others."""
-        still = AT_REST * float(np.abs(x[list(self.system.v_places)]).max(initial=0.0))
-        for k, joint in enumerate(self.joints):
-            place = self._v(joint)
-            if abs(x[place]) <= still and (joint.friction is not None or k in self.contact):
-                x[place] = 0.0
-                self.rest.add(k)
-                continue
-            self.rest.discard(k)
-            self.contact.pop(k, None)
-            self.state[k] = int(np.sign(x[place]))
-
-    def _bounds(self, k: int) -> tuple[float, float]:
-        """Return the range of the multiplier that can hold a joint."""
-        forwards, backwards = self.joints[k].breakaway
-        push = self.contact.get(k, 0.0)
-        return (-UNBOUNDED if push < 0.0 else -forwards), (UNBOUNDED if push > 0.0 else backwards)
-
-    def _write(self) -> None:
-        """Write the contact states into the parameters."""
-        for k, joint in enumerate(self.joints):
-            held = k in self.rest and self.state[k] == HELD
-            direction = 0.0 if held or joint.friction is None else float(self.state[k])
-            self.p[joint.place : joint.place + 4] = [float(held), direction, *self._bounds(k)]
-
-    def _settle(self, t: float, x: Array, forced: dict[int, int]) -> None:
-        """Find the contact states of the joints at rest; ``forced`` are known to move, in these directions."""
-        before = {k: self.state[k] for k in self.rest}
-        still = sorted(self.rest)
-        for k in still:
-            self.state[k] = forced.get(k, HELD)
-        if still:
-            self._inertia = 1.0 / np.diag(np.linalg.inv(self._mass_matrix_and_psi(t, x)[0]))
-            self._pivot(t, x, still)
-        for k in still:
-            if self.state[k] != HELD:
-                self.rest.discard(k)
-                left = self.contact.pop(k, None) is not None
-                self._note(t, "release" if left else "slip", k, direction=self.state[k])
-            elif before.get(k) != HELD or k not in self._known_held:
-                self._note(t, "contact" if k in self.contact else "stick", k)
-        self._known_held = set(self.rest)
-
-    def _pivot(self, t: float, x: Array, still: list[int]) -> None:
-        """Change the state that is most wrong until none is; try all combinations where that goes in circles."""
-        seen = set()
-        while True:
-            wrong = self._wrong(t, x, still)
-            if not wrong:
-                return
-            seen.add(tuple(self.state[k] for k in still))
-            _, k, mode = max(wrong)
-            self.state[k] = mode
-            if tuple(self.state[j] for j in still) in seen:
-                break
-        options = [[HELD, *self._directions(k)] for k in still]
-        for states in itertools.islice(itertools.product(*options), COMBINATIONS):
-            for k, mode in zip(still, states):
-                self.state[k] = mode
-            if not self._wrong(t, x, still):
-                return
-        names = ", ".join(self.joints[k].name for k in still)
-        raise NumericalError(
-            f"no contact states of the joints at rest ({names}) are consistent at t = {t:.6g} s",
-            time=t, status="modes",
-        )  # fmt: skip
-
-    def _directions(self, k: int) -> list[int]:
-        """Return the directions in which a joint at rest may move off."""
-        push = self.contact.get(k)
-        return [1, -1] if push is None else [int(push)]
-
-    def _wrong(self, t: float, x: Array, still: list[int]) -> list[tuple[float, int, int]]:
-        """Return what contradicts the contact states: (by how much, joint, the state that it asks for)."""
-        self._write()
-        a, lam = self.rates(t, x)
-        if not (np.all(np.isfinite(a)) and np.all(np.isfinite(lam))):
-            names = ", ".join(self.joints[k].name for k in still)
-            raise NumericalError(
-                f"the forces in the joints at rest ({names}) are not unique at t = {t:.6g} s",
-                time=t, status="modes",
-            )  # fmt: skip
-        strongest = max(float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints))
-        # where a joint leaves its stop the multiplier is zero, and says nothing about the size of forces
-        largest = max(strongest, self._load)
-        contradictions = []
-        for k in still:
-            low, high = self._bounds(k)
-            if self.state[k] == HELD:
-                over, under = float(lam[k] - high) / largest, float(low - lam[k]) / largest
-                if max(over, under) > FORCE:
-                    contradictions.append((max(over, under), k, -1 if over > under else 1))
-                continue
-            # the force that would have to be added for the joint not to move against its direction
-            short = -self.state[k] * a[self.joints[k].v] * self._inertia[self.joints[k].v] / largest
-            if short > FORCE:
-                contradictions.append((float(short), k, HELD))
-        if not contradictions:
-            self._load = largest
-        return contradictions
 
     # -- impacts --------------------------------------------------------------------------------------
     def _strike(self, t: float, x: Array, k: int, push: float, at: float) -> Array:
@@ -391,10 +212,3 @@ class ContactStates(Watcher):
             f"joints throw each other on their rigid stops without end at t = {t:.6g} s ({names})",
             time=t, status="chatter",
         )  # fmt: skip
-
-    def _note(self, t: float, kind: str, k: int, **details: Any) -> None:
-        """Note what happens to a joint; states that are found anew at one instant are told once."""
-        told = {"time": t, "name": self.joints[k].name, "kind": kind, **details}
-        if kind == "impact" or told not in itertools.takewhile(lambda x: x["time"] == t, self._log[::-1]):
-            self.counts[kind] += 1
-            self._log.append(told)

@@ -22,6 +22,7 @@ from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.build import contact_watchers, limit_watchers
+from robodyn_cli.motion.contact.joint_states import JointStates
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.failure import with_cause
 from robodyn_cli.motion.method import supervisor_for
@@ -197,7 +198,8 @@ class Scan:
     """What the whole motion met.
 
     dead_points, bifurcation : poses. stopped : why the integration could not go on. driven : a prescribed motion has
-    run into the dead point, whose pose is geometry. growth : of the multipliers, None in an open chain. end : time
+    run into the dead point, whose pose is geometry. growth : of the multipliers, None in an open chain and
+    where joints that stick leave them undetermined. end : time
     reached [s], in ``steps``. clean_until : see ``Bifurcation``. changes : of the method on the way. latched : where
     the latch closes, for a latch at a position.
     """
@@ -226,7 +228,11 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    growth, dead = watcher_of(motion, GrowthWatcher), watcher_of(motion, DeadPoint)
+    states, dead = watcher_of(motion, JointStates), watcher_of(motion, DeadPoint)
+    growth = watcher_of(motion, GrowthWatcher)
+    if states is not None and states.shares:
+        growth = None
+        _refuse_multipliers(motion)
     rank, latch = watcher_of(motion, Bifurcation), watcher_of(motion, LatchPosition)
     duration = motion.scene.simulate.duration
     driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
@@ -255,6 +261,23 @@ def scan(
         driver.counters.steps, rank.clean_until if rank else driver.time, tuple(driver.changes),
         latch.found if latch else None,
     )  # fmt: skip
+
+
+def _refuse_multipliers(motion: Motion) -> None:
+    """Refuse multipliers as what ends a deployment, where joints that stick together do not determine them.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    criterion = motion.scene.deploy.criterion
+    if criterion in ("multipliers", "either"):
+        raise CapabilityError(
+            f"deploy.criterion: {criterion!r} counts the multipliers, which are not determined while more joints stick "
+            "than there are degrees of freedom; allowed: dead_point, latch, or 'transition_speed' in the friction of "
+            "some joints",
+            key="deploy.criterion",
+        )
 
 
 def watcher_of(motion: Motion, kind: type[W]) -> W | None:
