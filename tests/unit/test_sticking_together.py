@@ -11,7 +11,7 @@ import pytest
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.motion.contact.events import HELD
-from robodyn_cli.motion.contact.sticking import AtRest, replacement
+from robodyn_cli.motion.contact.sticking import RestingJoints, replacement
 from robodyn_cli.results.result import Result
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER, close
 
@@ -98,7 +98,7 @@ def test_states_obey_coulombs_law(seed: int) -> None:
     inertia = root @ root.T + 0.1 * np.eye(f)
     low, high = -rng.uniform(0.1, 1.0, n), rng.uniform(0.1, 1.0, n)
     free = columns.T @ rng.normal(size=f) * 10.0 ** rng.uniform(-1.5, 0.5)
-    rest = AtRest(columns, inertia, free, low, high)
+    rest = RestingJoints(columns, inertia, free, low, high)
     found = rest.settled()
     bearing = [k for k in range(n) if found.states[k] == HELD and k not in found.carried]
     lam = np.array([found.carried.get(k, 0.0) for k in range(n)])

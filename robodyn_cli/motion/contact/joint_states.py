@@ -22,7 +22,7 @@ from robodyn_cli.motion.contact.checks import check_freedom, refuse_loads
 from robodyn_cli.motion.contact.events import HELD, ContactFunction, contact_functions
 from robodyn_cli.motion.contact.sticking import (
     DEPENDENT,
-    AtRest,
+    RestingJoints,
     bounded,
     independent_count,
     motions_left,
@@ -235,7 +235,7 @@ class JointStates(Watcher):
             a = self.rates(t, x)[0][[self.joints[k].v for k in others]]
             low, high = np.array([self._bounds(k) for k in others]).reshape(-1, 2).T
             place = [still.index(k) for k in others]
-            found = AtRest(columns[:, place], inertia, a, *map(bounded, (low, high))).settled()
+            found = RestingJoints(columns[:, place], inertia, a, *map(bounded, (low, high))).settled()
             self.carried = {others[i]: x for i, x in found.carried.items()}
             for k, state in zip(others, found.states):
                 self.state[k] = state

@@ -63,7 +63,7 @@ class Settled:
 
 
 @record
-class AtRest:
+class RestingJoints:
     """Joints at rest at an instant.
 
     columns : N^T B (f, n). inertia : N^T M N (f, f). free : accelerations a0 (n,) without forces in the joints.
