@@ -193,7 +193,7 @@ def test_a_motion_without_a_lock_is_no_answer(tmp_path: Path) -> None:
 
 # -- what cannot leave ----------------------------------------------------------------------------------
 REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
-    "another command": ("seven_joint_arm.yaml", (), {}, "does not run in a page; allowed: simulate, deploy"),
+    "another command": ("seven_joint_arm.yaml", (), {}, "cannot run in a page; allowed: simulate, deploy"),
     "contacts": ("bouncing_pendulum.yaml", (), {}, "contact states begin and change in Python"),
     "controllers": ("cart_pole_lqr.yaml", (), {}, "a controller (acts|samples)"),
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),

@@ -58,6 +58,9 @@ def command(
             show_default=False,
         ),
     ] = None,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="With --c: the simulation, too, with its events and errors.")
+    ] = False,
     overrides: Overrides = None,
     keys: Annotated[
         list[str] | None,
@@ -76,11 +79,11 @@ def command(
     tidy_up_first()
     with console.waiting(lambda: "exporting"):
         if c is not None and to is None and out is None:
-            directory, (files, notes) = c, _functions(source, c, overrides or (), keys or ())
-        elif c is None and to is not None and out is not None and not keys:
+            directory, (files, notes) = c, _functions(source, c, (overrides or (), keys or ()), loop)
+        elif c is None and to is not None and out is not None and not keys and not loop:
             directory, (files, notes) = out, _files(source, to, out, overrides or ())
         else:
-            raise _refusal(keys)
+            raise _refusal(keys, loop)
     for text in notes:
         console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
@@ -88,18 +91,18 @@ def command(
     return 0
 
 
-def _refusal(of_functions: list[str] | None) -> Exception:
+def _refusal(keys: list[str] | None, loop: bool) -> Exception:
     """Return the error of options that do not go together."""
     from robodyn_cli.errors import CapabilityError
 
-    beside = "--key goes with --c; " if of_functions else ""
+    beside = "--key goes with --c; " if keys else "--loop goes with --c; " if loop else ""
     return CapabilityError(f"{beside}allowed: either --to KIND with --out DIR, or --c DIR")
 
 
 def _functions(
-    source: Path, directory: Path, overrides: Sequence[str], keys: Sequence[str]
+    source: Path, directory: Path, given: tuple[Sequence[str], Sequence[str]], loop: bool
 ) -> tuple[list[Path], list[str]]:
-    """Write the functions of a scene as C.
+    """Write the functions of a scene as C; given : overrides and keys. loop : its simulation, too.
 
     Raises
     ------
@@ -112,13 +115,14 @@ def _functions(
 
     if _is_stored(source):
         raise CapabilityError(f"{source} is a result, which has no functions; allowed with --c: a scene")
+    overrides, keys = given
     asked = [asked_key(text) for text in keys]
     if source.suffix in (".yaml", ".yml"):
         family = Family(source, overrides)
     else:
         robot = load_robot(source)
         family = Family.of(robot).with_values([f"gravity={list(robot.gravity)}", *overrides])
-    return export_c(family, asked, directory)
+    return export_c(family, asked, directory, loop)
 
 
 def _is_stored(source: Path) -> bool:

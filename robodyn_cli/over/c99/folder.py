@@ -12,7 +12,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.kernels.c99 import comment, literal, wrapped
 from robodyn_cli.over.c99.functions import CFunction
-from robodyn_cli.over.c99.keys import AskedKey, parametrised
+from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
 from robodyn_cli.over.c99.samples import (
     ALLOWED,
     LEAST,
@@ -21,6 +21,7 @@ from robodyn_cli.over.c99.samples import (
     ComparedStates,
     compared_states,
 )
+from robodyn_cli.over.c99.simulation import CSimulation, simulation_of
 from robodyn_cli.over.c99.source import Library, library_name
 from robodyn_cli.results.atomic import written_folder
 from robodyn_cli.scene.load import Family
@@ -36,8 +37,8 @@ if(NOT CMAKE_BUILD_TYPE)
 endif()
 option({big}_SINGLE "numbers are float" OFF)
 
-add_library({name} {name}.c {name}.h)
-set_target_properties({name} PROPERTIES C_STANDARD 99 C_STANDARD_REQUIRED ON C_EXTENSIONS OFF PUBLIC_HEADER {name}.h)
+add_library({name} {sources})
+set_target_properties({name} PROPERTIES C_STANDARD 99 C_STANDARD_REQUIRED ON C_EXTENSIONS OFF PUBLIC_HEADER "{headers}")
 target_include_directories({name} PUBLIC
   $<BUILD_INTERFACE:${{CMAKE_CURRENT_SOURCE_DIR}}> $<INSTALL_INTERFACE:${{CMAKE_INSTALL_INCLUDEDIR}}>)
 if(NOT WIN32)
@@ -47,7 +48,7 @@ if({big}_SINGLE)
   target_compile_definitions({name} PUBLIC {big}_SINGLE)
   set(DEFINED -D{big}_SINGLE)
 endif()
-
+{options}
 add_executable({name}_self_test self_test.c)
 target_link_libraries({name}_self_test {name})
 enable_testing()
@@ -95,18 +96,28 @@ at least {units} units of rounding.
 | function | output | double | single |
 |---|---|---|---|
 {errors}
-{left_out}"""
+{loop}{left_out}"""
+LOOP_OPTIONS = """option({big}_VECTORS "the loop uses vectors of GCC and Clang" OFF)
+if({big}_VECTORS)
+  target_compile_definitions({name} PRIVATE {big}_VECTORS)
+endif()
+"""
 
 
-def export_c(family: Family, asked: Sequence[AskedKey], directory: Path) -> tuple[list[Path], list[str]]:
+def export_c(
+    family: Family, asked: Sequence[AskedKey], directory: Path, loop: bool = False
+) -> tuple[list[Path], list[str]]:
     """Write a scene's functions as C into a folder, whole or not at all; return its files, and what there is to say.
+
+    loop : whether the simulation goes with them.
 
     Raises
     ------
-    CapabilityError : functions of a state cannot hold a part of the scene, or a key is structure: it is named.
-    OutputError : it cannot be written.
+    CapabilityError : functions of a state cannot hold a part of the scene, its motion cannot leave, or a key is
+    structure: it is named. OutputError : it cannot be written.
     """
-    made = parametrised(family, asked)
+    starts = [one for one in asked if is_start(family, one)] if loop else []
+    made = parametrised(family, [one for one in asked if one not in starts])
     if not made.own.functions:
         raise CapabilityError(f"{family.path}: it has no functions: " + "; ".join(made.own.left_out.values()))
     states = compared_states(made.own)
@@ -115,20 +126,35 @@ def export_c(family: Family, asked: Sequence[AskedKey], directory: Path) -> tupl
     if made.changed is not None:
         with contextlib.suppress(GeometryError):  # other lengths may not close the loops
             changed = made.changed[0], compared_states(made.changed[1])
+    notes = [f"left out: {name}: {why}" for name, why in made.own.left_out.items()]
+    simulation = None
+    if loop:
+        simulation, without = simulation_of(family, asked, made, library.name)
+        notes += [f"not a key of the loop: {', '.join(without)}"] if without else []
     texts = {
         f"{library.name}.h": library.header,
         f"{library.name}.c": library.source,
-        "self_test.c": SelfTest(library, changed).text,
-        "CMakeLists.txt": CMAKE.format(name=library.name, big=library.big, version=__version__),
+        **({} if simulation is None else simulation.files),
+        "self_test.c": SelfTest(library, changed, "" if simulation is None else simulation.test).text,
+        "CMakeLists.txt": _cmake(library, simulation is not None),
         f"{library.name}.pc.in": PKG_CONFIG.format(name=library.name, version=__version__),
-        "README.md": _readme(library, changed is not None),
+        "README.md": _readme(library, changed is not None, simulation),
     }
     written_folder(directory, texts)
-    notes = [f"left out: {name}: {why}" for name, why in made.own.left_out.items()]
     return [directory / name for name in texts], notes
 
 
-def _readme(library: Library, twice: bool) -> str:
+def _cmake(library: Library, loop: bool) -> str:
+    name, big = library.name, library.big
+    stems = [name, *([f"{name}_loop"] if loop else [])]
+    return CMAKE.format(
+        name=name, big=big, version=__version__, sources=" ".join(f"{x}.c {x}.h" for x in stems),
+        headers=";".join(f"{x}.h" for x in stems),
+        options=LOOP_OPTIONS.format(name=name, big=big) if loop else "",
+    )  # fmt: skip
+
+
+def _readme(library: Library, twice: bool, simulation: CSimulation | None) -> str:
     scene = os.path.basename(library.made.own.problem.scene.path)
     rows = [
         f"| `{library.names[one.function]}` | {one.output} | {one.errors['double']:.1e} | {one.errors['single']:.1e} |"
@@ -148,7 +174,8 @@ def _readme(library: Library, twice: bool) -> str:
         name=library.name, big=library.big, scene=comment(scene), version=__version__, states=STATES_COMPARED,
         twice=", with the scene's numbers and with others" if twice else "", example="\n".join(example),
         allowed=int(ALLOWED), units=int(ALLOWED * LEAST),
-        errors="\n".join(rows), left_out=f"\n## Left out\n\n{left}" if left else "",
+        errors="\n".join(rows), loop="" if simulation is None else simulation.readme,
+        left_out=f"\n## Left out\n\n{left}" if left else "",
     )  # fmt: skip
 
 
@@ -209,10 +236,13 @@ class SelfTest:
     Parameters
     ----------
     changed : other values of the keys (keys,), and the comparison with these; None where there are none.
+    loop : the definition of ``test_loop``, if any.
     """
 
-    def __init__(self, library: Library, changed: tuple[Array, ComparedStates] | None) -> None:
-        self.library, self.changed = library, changed
+    def __init__(
+        self, library: Library, changed: tuple[Array, ComparedStates] | None, loop: str = ""
+    ) -> None:
+        self.library, self.changed, self.loop = library, changed, loop
         self.sets = [library.states, *([] if changed is None else [changed[1]])]
 
     @property
@@ -227,7 +257,7 @@ class SelfTest:
             if name in used
         ]
         tests = [self._test(function) for function in own.functions]
-        return "\n".join([head, *data, *tests, self._keys(), self._main()])
+        return "\n".join([head, *data, *tests, self._keys(), self.loop, self._main()])
 
     def _test(self, function: CFunction) -> str:
         own, name = self.library, self.library.names[function.name]
@@ -311,6 +341,7 @@ class SelfTest:
             *calls,
             "    }",
             *([] if len(self.sets) > 1 else ["    wrong |= test_keys(&numbers);"]),
+            *(["    wrong |= test_loop();"] if self.loop else []),
             '    printf("%s\\n", wrong ? "some are wrong" : "all agree");',
             "    return wrong;\n}\n",
         ])  # fmt: skip

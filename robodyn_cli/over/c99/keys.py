@@ -95,6 +95,11 @@ class AskedKey:
         low, high = sorted((scale * self.low, scale * self.high))
         return AskedKey(self.name, low, high, self.unit)
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The bounds, infinite where there are none."""
+        return (-math.inf if self.low is None else self.low), (math.inf if self.high is None else self.high)
+
 
 def asked_key(text: str) -> AskedKey:
     """Return what ``KEY`` or ``KEY=LOW:HIGH`` asks for.
@@ -163,6 +168,11 @@ def parametrised(family: Family, asked: Sequence[AskedKey]) -> Parametrised:
     values = numbers_at_places(build.own.problem.scene)
     keys = tuple(_described(family, name, values[name], ranges.get(name)) for name in names)
     return _confirmed(family, scene, build, keys)
+
+
+def is_start(family: Family, one: AskedKey) -> bool:
+    """Tell whether a key is where motions start."""
+    return understand(family, one.name).sort == START
 
 
 def _number(family: Family, one: AskedKey) -> Key:

@@ -52,6 +52,7 @@ class JudgedStructure(Protocol):
     fleet: Fleet
     method: str
     closing: ManyClosing | None
+    where: str
 
     @property
     def equations(self) -> Mapping[str, Any]: ...
@@ -80,7 +81,7 @@ class Judging:
             self.sampling, _, self.judged = samplings(self.batch, live.method, shown)
         self.first = self._drive(self.options, FleetLimits(steps=np.array([self.most])), self.sampling)
         if not self._ended(self.first):
-            raise CapabilityError("this scene cannot run in a page: its own run is left to the command")
+            raise CapabilityError(f"this scene cannot {live.where}: its own run is left to the command")
 
     def _drive(self, options: Options, limits: FleetLimits, sampling: Sampling) -> Runs:
         """Make the run of the scene as a page does: by the loop of single runs, whatever the samples."""

@@ -19,6 +19,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.lanes import JOB
 from robodyn_cli.integrators.stepping.writer import Tables
+from robodyn_cli.kernels.compiler import Target
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.motion.self_check import is_judged_by_energy
@@ -77,29 +78,55 @@ class LiveStructure:
     SceneError : the scene has no such key, or does not allow values of the range.
     """
 
+    where = "run in a page"  # what the scene is to do, as refusals say it
+
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
         scene = family.own
         command = motion_commands().get(scene.command or "")
         if command is None:
             raise CapabilityError(
-                f"{scene.command} does not run in a page; allowed: {', '.join(motion_commands())}"
+                f"a scene of {scene.command} cannot {self.where}; allowed: {', '.join(motion_commands())}"
             )
         mechanism = Mechanism(family, list(ranges))
-        self.keys = [_live_key(mechanism, key, ranges[key.name]) for key in mechanism.keys]
+        self.keys = [self._live_key(mechanism, key, ranges[key.name]) for key in mechanism.keys]
         self.command = command
         self.row = np.array([key.value for key in self.keys])
         self.structure = self._structure(mechanism)
         self.motion = self.structure.motion
         self.method = self.motion.choice.method
         if why := self.obstacle:
-            raise CapabilityError(f"this scene cannot run in a page: {why}")
+            raise CapabilityError(f"this scene cannot {self.where}: {why}")
         self.fleet = self.structure.fleet(self.method)
         self.system = self.fleet.system
         self.engine = self.fleet.engine
         self.batch = RunBatch.of(self.structure, self.row[None], None, None, 1)
         self.closing = self._closing()
         self.tables = Tables([*self.fleet.tables.programs, *(own.program for own in self.equations.values())])
+
+    @staticmethod
+    def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
+        """Return a key with its range.
+
+        Raises
+        ------
+        CapabilityError : it has no value, or one outside.
+        """
+        low, high = ends
+        if key.scale != 1.0:
+            raise CapabilityError(
+                f"{key.name} has a unit or a sign in the scene; allowed: the key without '#'"
+            )
+        value = value_of(mechanism.family, key.name)
+        if value is None:
+            raise CapabilityError(f"{key.name} has no value in the scene; give it one by --set")
+        if not low < high or not math.isfinite(low) or not math.isfinite(high):
+            raise CapabilityError(f"{key.name}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
+        if not low <= value <= high:
+            raise CapabilityError(
+                f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within"
+            )
+        return LiveKey(key, value, low, high)
 
     def _structure(self, mechanism: Mechanism) -> Structure:
         """Return the structure that serves the scene and the corners of its ranges."""
@@ -119,10 +146,10 @@ class LiveStructure:
         if not isinstance(own, Structure):
             self.command.structure(self.family, mechanism.keys, self.row)  # which says why not
             raise CapabilityError(
-                "this scene cannot run in a page: its equations cannot be built for many runs"
+                f"this scene cannot {self.where}: its equations cannot be built for many runs"
             )
         if own.obstacle:
-            raise CapabilityError(f"this scene cannot run in a page: {own.obstacle}")
+            raise CapabilityError(f"this scene cannot {self.where}: {own.obstacle}")
         left = sorted(set(range(len(rows))) - set(served.tolist()))
         if left:
             at = ", ".join(settings([key.key.name for key in self.keys], rows[left[0]]))
@@ -180,7 +207,7 @@ class LiveStructure:
             return None
         if len(closing.missing) == closing.nv:
             raise CapabilityError(
-                "this scene cannot run in a page: no coordinate is given where its loops are closed"
+                f"this scene cannot {self.where}: no coordinate is given where its loops are closed"
             )
         return closing
 
@@ -224,6 +251,26 @@ class LiveStructure:
         unknown = {symbol.value[1] for part in outputs.values() for symbol in free_symbols(part)} - {"q", "v"}
         return {} if unknown else outputs
 
+    def texts(self, target: Target) -> list[str]:
+        """Return the code as IR.
+
+        Raises
+        ------
+        CapabilityError : a number follows from a key in Python.
+        """
+        structure = self.structure
+        places = [key.key.place for key in self.keys if key.key.sort == NUMBER]
+        return [
+            *loop_texts(self.system, methods[self.method], target),
+            numbers_text(structure.recipe, self._entries, places, structure.deciding, target),
+            equations_text(self.equations, self.tables, target),
+        ]
+
+    @property
+    def exports(self) -> list[str]:
+        """Functions of the code that are called from outside."""
+        return ["drive", "numbers", *self.equations, *(["trial_step"] if self.system.events else [])]
+
     def module(self) -> WasmModule:
         """Return the code.
 
@@ -231,18 +278,10 @@ class LiveStructure:
         ------
         CapabilityError : it needs functions that browsers do not have, or a number follows from a key in Python.
         """
-        structure = self.structure
-        places = [key.key.place for key in self.keys if key.key.sort == NUMBER]
-        texts = [
-            *loop_texts(self.system, methods[self.method], WASM),
-            numbers_text(structure.recipe, self._entries, places, structure.deciding, WASM),
-            equations_text(self.equations, self.tables, WASM),
-        ]
-        exports = ["drive", "numbers", *self.equations, *(["trial_step"] if self.system.events else [])]
-        made = write_wasm(texts, exports)
+        made = write_wasm(self.texts(WASM), self.exports)
         if others := sorted(set(made.imports) - LIBRARY):
             raise CapabilityError(
-                f"this scene cannot run in a page: browsers have no function {', '.join(others)}"
+                f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
             )
         return made
 
@@ -252,6 +291,16 @@ class LiveStructure:
         return [x for p in self.tables.programs for x in (p.numbers or (0.0,))]
 
     # -- data -----------------------------------------------------------------------------------------
+    @cached_property
+    def judging(self) -> Judging:
+        """The rules of runs and of their errors.
+
+        Raises
+        ------
+        CapabilityError : the run of the scene itself is left to the command.
+        """
+        return Judging(self, min(SHOWN, max(self.motion.scene.simulate.samples - 1, 1)))
+
     def data(self) -> dict[str, Any]:
         """Return what a page needs beside the code.
 
@@ -260,8 +309,7 @@ class LiveStructure:
         CapabilityError : the run of the scene itself is left to the command.
         """
         motion, model = self.motion, self.motion.problem.model
-        duration, asked = motion.scene.simulate.duration, motion.scene.simulate.samples
-        judging = Judging(self, min(SHOWN, max(asked - 1, 1)))
+        duration = motion.scene.simulate.duration
         engine_numbers = len(self.fleet.tables.numbers)
         first, memory = self.engine.memory.block.ctypes.data, self.engine.memory
         names = PLACES[PLACES.index("tables") : PLACES.index("saved")]
@@ -286,7 +334,7 @@ class LiveStructure:
             "off": {draw: _steps_off(self.fleet.tables, draw) for draw in (1, 2)},
             "outputs": {name: own.program.sizes for name, own in self.equations.items()},
             "start": self._start(),
-            **judging.data(),
+            **self.judging.data(),
         }  # fmt: skip
 
     def _key_data(self, key: LiveKey) -> dict[str, Any]:
@@ -322,22 +370,6 @@ COUNTS = ("ACCEPTED", "REJECTED", "MAX_STEPS", "NEXT_SAMPLE", "LAST_SAMPLE", "EV
 
 def _columns(names: Sequence[str], units: Sequence[str], places: Sequence[int]) -> dict[str, Any]:
     return {"names": list(names), "units": list(units), "places": [int(k) for k in places]}
-
-
-def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
-    low, high = ends
-    if key.scale != 1.0:
-        raise CapabilityError(f"{key.name} has a unit or a sign in the scene; allowed: the key without '#'")
-    value = value_of(mechanism.family, key.name)
-    if value is None:
-        raise CapabilityError(f"{key.name} has no value in the scene; give it one by --set")
-    if not low < high or not math.isfinite(low) or not math.isfinite(high):
-        raise CapabilityError(f"{key.name}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
-    if not low <= value <= high:
-        raise CapabilityError(
-            f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within"
-        )
-    return LiveKey(key, value, low, high)
 
 
 def _steps_off(tables: Tables, draw: int) -> list[int]:

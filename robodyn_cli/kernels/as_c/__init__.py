@@ -1,0 +1,1 @@
+"""The IR of compiled loops as C."""

@@ -1,0 +1,250 @@
+"""Simulations as C: rules beside numpy, runs beside those of the program, motions step by step, what is refused."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.cli.app import run
+from robodyn_cli.kernels.as_c.words import text_beside, used_functions
+from robodyn_cli.kernels.as_c.writer import write_c99
+from robodyn_cli.over.live.rules import Tape
+from robodyn_cli.over.loop_c import rules
+from robodyn_cli.over.loop_c.rules import CRules
+from robodyn_cli.scene.load import Family
+from tests.exported_c import COMPILER, compiled, needs_compiler, self_test
+from tests.exported_loop import ExportedLoop
+from tests.live import Ranges, disagreements, random_rows, run_many
+from tests.mechanisms import CONFIGS
+from tests.unit.test_live import operations
+
+RNG = np.random.default_rng(23)
+REACHED, ENDED = 0, 1
+MASSES: Ranges = {"robot.links.link1.mass": (8.0, 17.0), "robot.links.link2.mass": (9.0, 15.0)}
+STOP = "robot.joints.theta2.limits={lower: -0.2, upper: 0.2, stop: {stiffness: 2000.0, damping: 5.0}}"
+
+
+def family_of(scene: str, overrides: Sequence[str] = ()) -> Family:
+    return Family(CONFIGS / scene, list(overrides))
+
+
+# -- the writer -----------------------------------------------------------------------------------------
+IR = """
+define i64 @count(ptr %x, ptr %out) {
+entry:
+  %sum = alloca double, align 8
+  store double 0.0, ptr %sum, align 8
+  %1 = load <4 x double>, ptr %x, align 32
+  %2 = call <4 x double> @llvm.fabs.v4f64(<4 x double> %1)
+  %3 = fcmp olt <4 x double> %1, <double 0.0, double 0.0, double 0.0, double 0.0>
+  %4 = select <4 x i1> %3, <4 x double> %2, <4 x double> <double 1.0, double 2.0, double 3.0, double 4.0>
+  %5 = shufflevector <4 x double> %4, <4 x double> %1, <4 x i32> <i32 3, i32 4, i32 1, i32 6>
+  %6 = extractelement <4 x double> %5, i32 1
+  %7 = insertelement <4 x double> poison, double %6, i32 0
+  %8 = shufflevector <4 x double> %7, <4 x double> poison, <4 x i32> zeroinitializer
+  %9 = fmul reassoc contract <4 x double> %8, %5
+  store <4 x double> %9, ptr %out, align 32
+  %10 = bitcast <4 x i1> %3 to i8
+  %11 = zext i8 %10 to i64
+  %12 = or i64 %11, 256
+  %13 = call i64 @llvm.cttz.i64(i64 %12, i1 true)
+  %14 = call double @llvm.vector.reduce.fadd.v4f64(double -0.0, <4 x double> %9)
+  %15 = load double, ptr %sum, align 8
+  %16 = fadd double %15, %14
+  %17 = getelementptr double, ptr %out, i64 4
+  store double %16, ptr %17, align 8
+  %18 = fcmp une double %16, %16
+  br i1 %18, label %other, label %end
+other:
+  ret i64 -1
+end:
+  ret i64 %13
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", [(), ("-DVECTORS",)])
+def test_ir_as_c_does_what_the_ir_does(flags: Sequence[str], tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    folder.mkdir()
+    code = "#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n#include <string.h>\n"
+    code += write_c99([IR], ["count"], {})
+    code += "int64_t count(char *x, char *out);\nint64_t count(char *x, char *out)\n{\n    return loop_count(x, out);\n}\n"
+    (folder / "a.c").write_text(code)
+    library = ctypes.CDLL(str(compiled(folder, *flags, "-shared", "-fPIC")))
+    library.count.restype = ctypes.c_int64
+    x, out = np.array([0.5, 3.0, -2.0, -7.0]), np.zeros(5)
+    first = library.count(ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(out.ctypes.data))
+    chosen = np.where(x < 0, np.abs(x), [1.0, 2.0, 3.0, 4.0])
+    mixed = np.array([chosen[3], x[0], chosen[1], x[2]])
+    np.testing.assert_array_equal(out, [*(mixed[1] * mixed), np.sum(mixed[1] * mixed)])
+    assert first == 2
+    x[1] = np.nan
+    x[0] = np.nan
+    assert library.count(ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(out.ctypes.data)) == -1
+
+
+# -- rules ----------------------------------------------------------------------------------------------
+@needs_compiler
+def test_all_operations_of_rules_come_out_as_those_of_numpy(tmp_path: Path) -> None:
+    inputs: dict[str, Any] = {
+        "x": RNG.normal(size=(3, 4)),
+        "A": RNG.normal(size=(2, 3, 3)),
+        "wide": RNG.normal(size=(2, 2, 4)),
+    }
+    inputs["x"][0, 1], inputs["x"][0, 2] = 0.625, -0.125  # halves, when they are rounded
+    tape = Tape()
+    recorded = operations(*(tape.input(name, RNG.normal(size=x.shape)) for name, x in inputs.items()))
+    rule = {"code": tape.code, "outputs": {k: x.place for k, x in recorded.items()}}
+    expected = {k: np.ravel(x).astype(float) for k, x in operations(*inputs.values()).items()}
+    written = CRules({"all": rule}, {"all": (tape.examples, {})}, list(inputs), list(recorded))
+    library = used_functions(text_beside(rules.__file__, "operations.c"), [written.text])
+    copies = "".join(
+        f"    for (k = 0; k < {x.size}; ++k)\n        *out++ = judged.{name}[k];\n"
+        for name, x in expected.items()
+    )
+    given = ", ".join(f"{name}" for name in inputs)
+    arguments = ", ".join(f"const double *{name}" for name in inputs)
+    folder = tmp_path / "c"
+    folder.mkdir()
+    (folder / "a.c").write_text(
+        f"#include <math.h>\n#include <string.h>\n{library}\n{written.text}\n"
+        f"void all(double *out, double *s, {arguments});\nvoid all(double *out, double *s, {arguments})\n{{\n"
+        f"    const Given given = {{{given}}};\n    Judged judged;\n    int k;\n\n"
+        f"    rule_all(&given, &judged, s);\n{copies}}}\n"
+    )
+    code = ctypes.CDLL(str(compiled(folder, "-shared", "-fPIC")))
+    out, s = np.zeros(sum(x.size for x in expected.values())), np.zeros(written.scratch["all"])
+    code.all(*(ctypes.c_void_p(np.ascontiguousarray(x).ctypes.data) for x in (out, s, *inputs.values())))
+    for name, known in expected.items():
+        np.testing.assert_allclose(out[: known.size], known, rtol=1e-12, atol=1e-12, err_msg=name)
+        out = out[known.size :]
+
+
+# -- whole motions --------------------------------------------------------------------------------------
+CASES: dict[str, tuple[str, Sequence[str], Ranges]] = {
+    "masses and starts": ("double_pendulum.yaml", (), {**MASSES, "initial.q.theta2": (-2.0, 2.0), "initial.qd.theta1": (-2.0, 2.0)}),
+    "explicit, torque": ("double_pendulum.yaml", ("simulate.integrator=dop853", "torques.theta1=2*sin(3*t)", "simulate.rtol=1e-8"), MASSES),
+    "stops on the way": ("double_pendulum.yaml", (STOP,), MASSES),
+    "lock of other lengths": ("four_bar_deploy.yaml", (), {"robot.joints.theta1.a": (1.2, 1.28), "initial.q.theta1": (0.008, 0.3)}),
+}  # fmt: skip
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", CASES)
+def test_c_gives_what_the_program_gives(name: str, tmp_path: Path) -> None:
+    """Within both stated errors and 1e-12 of the size; and never an answer where the program has none."""
+    scene, overrides, ranges = CASES[name]
+    family = family_of(scene, overrides)
+    own = ExportedLoop(family, ranges, tmp_path / "c")
+    rows = np.vstack([own.structure.row, random_rows(ranges, 6, 5)])
+    runs = [own.run(row) for row in rows]
+    wrong, refused = disagreements(runs, run_many(family, ranges, rows))
+    assert not wrong, "\n".join(wrong)
+    assert refused <= len(rows) // 2, [one.get("refused") for one in runs]
+
+
+# -- step by step ---------------------------------------------------------------------------------------
+@needs_compiler
+def test_times_that_are_asked_for_change_nothing(tmp_path: Path) -> None:
+    """On the way are stops that are met and left: events that the motion passes."""
+    own = ExportedLoop(family_of("double_pendulum.yaml", [STOP]), MASSES, tmp_path / "c")
+    row = own.structure.row
+    often, why = own.begin(row)
+    assert why == 0
+    states, middle, copied = [], None, []
+    for k in range(1, 301):
+        status, x = own.to(often, k * 0.01)
+        assert status == REACHED and own.time(often) == pytest.approx(k * 0.01)
+        states.append(x)
+        if k == 150:
+            middle = often.copy()
+    assert middle is not None
+    for k in range(151, 301):
+        copied.append(own.to(middle, k * 0.01)[1])
+    np.testing.assert_array_equal(copied, states[150:])  # bytes of memory are all there is
+    once, _ = own.begin(row)
+    np.testing.assert_allclose(own.to(once, 3.0)[1], states[-1], rtol=0, atol=1e-9)
+    assert own.code.own_loop_passed(ctypes.c_void_p(once.ctypes.data)) >= 2
+    again, _ = own.begin(row, 1)
+    apart = np.abs(own.to(again, 3.0)[1] - states[-1]).max()
+    assert 0.0 < apart < 1e-7
+
+
+@needs_compiler
+def test_a_lock_ends_a_motion_and_stays(tmp_path: Path) -> None:
+    own = ExportedLoop(
+        family_of("four_bar_deploy.yaml"), {"robot.links.crank.mass": (10.0, 40.0)}, tmp_path / "c"
+    )
+    whole = own.run(np.array([25.0]))
+    there, _ = own.begin(np.array([25.0]))
+    before = whole["time"] - 0.01
+    assert own.to(there, before)[0] == REACHED and own.time(there) == before
+    status, x = own.to(there, 1e3)
+    assert status == ENDED and own.time(there) == pytest.approx(whole["time"], abs=1e-10)
+    event = own.code.own_loop_last_event(ctypes.c_void_p(there.ctypes.data))
+    assert own.code.own_loop_event(event) == b"dead_point"
+    np.testing.assert_allclose(x[:3], whole["q"], atol=1e-9)
+    np.testing.assert_array_equal(own.to(there, 2e3)[1], x)
+
+
+# -- what is refused, and the folder --------------------------------------------------------------------
+@needs_compiler
+def test_values_that_c_cannot_vouch_for_have_a_reason(tmp_path: Path) -> None:
+    """A centre of mass that is put back onto its joint cancels: other equations."""
+    overrides = ["robot.links.link2.com=[-0.583, 0, 0]", "robot.links.link2.com_frame=link"]
+    ranges: Ranges = {"robot.joints.theta2.a": (0.5, 1.2), "initial.q.theta1": (-3.0, 3.0)}
+    own = ExportedLoop(family_of("double_pendulum.yaml", overrides), ranges, tmp_path / "c")
+    rows = np.array([[0.583, 1.0], [0.9, 1.0], [0.9, 4.0], [np.nan, 1.0]])
+    assert [own.run(row).get("reason") for row in rows] == ["structure", None, "range", "range"]
+
+
+REFUSED = {
+    ("bouncing_pendulum.yaml",): "rigid stop",
+    ("four_bar_prescribed.yaml",): "a motion is prescribed",
+    ("cart_pole_lqr.yaml",): "a controller",
+    ("double_pendulum.yaml", "--key", "robot.joints.theta1.alpha=-1:1"): "alpha",
+    ("double_pendulum.yaml", "--key", "initial.q.theta1=1:2"): "lies outside 1:2",
+    ("double_pendulum.yaml", "--set", "simulate.error_estimate=false"): "no errors are estimated",
+    ("seven_joint_arm.yaml",): "a scene of inverse cannot leave as C; allowed: simulate, deploy",
+}
+
+
+@pytest.mark.parametrize("given", REFUSED)
+def test_what_cannot_leave_is_refused_by_name(given: Sequence[str], tmp_path: Path, capsys: Any) -> None:
+    scene, *options = given
+    out = tmp_path / "c"
+    assert run(["export", str(CONFIGS / scene), "--c", str(out), "--loop", *options]) == 2
+    assert REFUSED[tuple(given)] in capsys.readouterr().err and not out.exists()
+
+
+def test_the_loop_goes_with_c(tmp_path: Path, capsys: Any) -> None:
+    scene = str(CONFIGS / "double_pendulum.yaml")
+    assert run(["export", scene, "--loop"]) == 2
+    assert "--loop goes with --c" in capsys.readouterr().err
+
+
+@needs_compiler
+def test_the_folder_tests_itself(tmp_path: Path) -> None:
+    """With loops that are closed for other starts, with vectors, under sanitizers where there are some."""
+    out = tmp_path / "c"
+    assert run(["export", str(CONFIGS / "four_bar_deploy.yaml"), "--c", str(out), "--loop", "--quiet"]) == 0
+    assert {path.name for path in out.glob("*.c")} == {
+        "four_bar_deploy.c", "four_bar_deploy_loop.c", "self_test.c"
+    }  # fmt: skip
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "probe.c").write_text("int main(void)\n{\n    return 0;\n}\n")
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    try:
+        compiled(tmp_path / "probe", *flags)
+    except AssertionError:  # the compiler has no sanitizers
+        flags = []
+    told = self_test(out, "-DFOUR_BAR_DEPLOY_VECTORS", *flags)
+    assert told.count("end at 1") == 3 and told.endswith("all agree\n")
+    assert COMPILER and "12.28299" in (out / "README.md").read_text()
