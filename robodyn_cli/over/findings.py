@@ -20,13 +20,14 @@ from robodyn_cli.summaries.checks import Finding
 
 
 @np.errstate(all="ignore")  # what is found is said in words
-def findings(path: Path, strict: bool = False) -> list[Finding]:
-    """Return all that is wrong with a scene file, errors first; warnings are errors with ``strict``."""
-    examined = examine(path)
+def findings(path: Path, strict: bool = False, overrides: Sequence[str] = ()) -> list[Finding]:
+    """Return all that is wrong with a scene file with some keys changed, errors first; warnings are errors with
+    ``strict``."""
+    examined = examine(path, overrides)
     if examined.scene is None or examined.root is None:
         return [_error(e) for e in examined.errors]
     scene, root = examined.scene, examined.root
-    listed = [_error(e) for e in (*_trial(scene, root), *_varied(path, scene, root))]
+    listed = [_error(e) for e in (*_trial(scene, root), *_varied(path, overrides, scene, root))]
     code = SceneError.exit_code if strict else 0
     for error in _physical(scene, root):
         listed.append(Finding("error" if strict else "warning", error.message, code, **_place(error)))
@@ -65,7 +66,7 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
         return _missing(root, command, error.details.get("missing", ())) or [error]
 
 
-def _varied(path: Path, scene: Scene, root: Node) -> Iterator[SceneError]:
+def _varied(path: Path, overrides: Sequence[str], scene: Scene, root: Node) -> Iterator[SceneError]:
     """Yield what `sweep` and `optimise` would refuse of the keys that vary, and of what is looked for."""
     sections = {"study": scene.study.vary, "search": {} if scene.search is None else scene.search.vary}
     if not any(sections.values()):
@@ -73,7 +74,7 @@ def _varied(path: Path, scene: Scene, root: Node) -> Iterator[SceneError]:
     from robodyn_cli.over.many.keys import Allowed, understand
     from robodyn_cli.over.study.study import check_key
 
-    family = Family(path)
+    family = Family(path, overrides)
     for section, vary in sections.items():
         for key, variation in vary.items():
             message = ""

@@ -211,3 +211,20 @@ forces: [{name: s, type: spring, between: [l1.origin, l1.com], stiffness: 3}]
     )
     keys = [error.details["key"] for error in examine(path).errors]
     assert keys == ["robot.joints.0.name", "robot.joints.1.axis", "forces.0.between"]
+
+
+def test_changes_of_keys_are_checked_as_commands_do(tmp_path: Path) -> None:
+    scene = CONFIGS / "double_pendulum.yaml"
+    assert validate(scene, "--set", "robot.links.link1.mass=800 gram")[0] == 0
+    for change in (
+        "robot.links.link1.mass=-1",
+        "robot.links.link1.mas=1",
+        "robot.links.link1.mass=5 mm",
+        "mass",
+    ):
+        with pytest.raises(SceneError) as refused:
+            load_scene(scene, [change])
+        code, found = report(scene, "--set", change)
+        assert code == 2 and [x["message"] for x in found["scenes"][0]["findings"]] == [refused.value.message]
+    code, words = validate(scene, "--set", "study.vary={robot.links.link1.mass: 'uniform(-1, 1)'}")
+    assert code == 2 and "is too small" in words

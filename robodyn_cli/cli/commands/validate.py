@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Quiet, ReportAsJson, SceneFiles, Strict
+from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFiles, Strict
 from robodyn_cli.errors import worst
 
 if TYPE_CHECKING:
@@ -21,7 +22,11 @@ EXAMPLES = (
 
 
 def command(
-    scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
+    scenes: SceneFiles,
+    overrides: Overrides = None,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
 ) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
     from robodyn_cli.over.batch.reports import validation_of
@@ -32,7 +37,7 @@ def command(
     console = Console(as_json, quiet)
     report, codes = [], []
     for path in gather(scenes):
-        findings = _findings(path, strict, console)
+        findings = _findings(path, overrides or (), strict, console)
         codes.append(worst(f.exit_code for f in findings))
         report.append(SceneFindings(str(path), codes[-1], findings))
         errors = sum(f.severity == "error" for f in findings)
@@ -48,8 +53,8 @@ def command(
     return code
 
 
-def _findings(path: Path, strict: bool, console: Console) -> list[Finding]:
+def _findings(path: Path, overrides: Sequence[str], strict: bool, console: Console) -> list[Finding]:
     from robodyn_cli.over.findings import findings
 
     with console.waiting(lambda: f"validating {path}"):
-        return findings(path, strict)
+        return findings(path, strict, overrides)
