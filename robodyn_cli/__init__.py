@@ -33,7 +33,7 @@ _HOME = {
     "InverseDynamics": "robodyn_cli.torques.dynamics",
     "ForwardDynamics": "robodyn_cli.torques.dynamics",
     "Result": "robodyn_cli.results.result",
-    "read_result": "robodyn_cli.results.hdf5",
+    "read_result": "robodyn_cli.over.batch.stored",
     "write_result": "robodyn_cli.results.hdf5",
     "draw_all": "robodyn_cli.report",
     "RobodynError": "robodyn_cli.errors",
@@ -41,7 +41,7 @@ _HOME = {
     "GeometryError": "robodyn_cli.errors",
     "NumericalError": "robodyn_cli.errors",
 }
-_RENAMED = {"read_result": "read", "write_result": "write"}
+_RENAMED = {"write_result": "write"}
 
 __all__ = ["__version__", *_HOME]
 
@@ -51,6 +51,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.errors import RobodynError as RobodynError
     from robodyn_cli.errors import SceneError as SceneError
     from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics as InverseKinematics
+    from robodyn_cli.over.batch.stored import read_result as read_result
     from robodyn_cli.over.many.mechanism import Mechanism as Mechanism
     from robodyn_cli.over.plan.plan import plan as plan
     from robodyn_cli.over.search.report import optimise as optimise
@@ -71,7 +72,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.works.reach import reach as reach
     from robodyn_cli.works.statics import statics as statics
 
-    read_result, write_result = hdf5.read, hdf5.write
+    write_result = hdf5.write
 
 
 def __getattr__(name: str) -> Any:

@@ -6,6 +6,8 @@ row does not have, the command does not have, and it is refused by name: nothing
 
 from __future__ import annotations
 
+import keyword
+
 from robodyn_cli.record import record
 
 
@@ -344,3 +346,10 @@ STUDIED: tuple[str, ...] = tuple(name for name in SCENE_COMMANDS if COMMANDS[nam
 def places(column: str) -> dict[str, str]:
     """Return the places of one column by command, of the commands that have one."""
     return {name: place for name, row in COMMANDS.items() if (place := getattr(row, column))}
+
+
+def python_name(word: str) -> str:
+    """Return a word of the command line as a name in Python: ``own_settings`` of ``own-settings``, ``with_`` of
+    ``with``."""
+    name = word.replace("-", "_")
+    return f"{name}_" if keyword.iskeyword(name) else name

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from robodyn_cli.cli import interrupts
 from robodyn_cli.errors import (
@@ -24,6 +24,9 @@ from robodyn_cli.errors import (
     out_of_range,
 )
 from robodyn_cli.foreign import printable
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.result import Result
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS, LONGEST_SECONDS = 10.0, 60.0  # without a word, elsewhere: at first, and from then on
@@ -84,6 +87,15 @@ class Console:
             self.data({"status": "failed", "error": facts})
         self.error(message)
         return code
+
+    def failed(self, error: RobodynError) -> int:
+        """Report the error that ended a run whose results until then are kept; return its exit code."""
+        self.error(error.message)
+        return error.exit_code
+
+    def takes(self, result: Result) -> bool:
+        """Tell whether a result goes to a program in Python, which ``Keeping`` does, and is not shown."""
+        return False
 
     def interrupted(self) -> int:
         """Report an interrupt; return its exit code."""

@@ -240,11 +240,36 @@ Strict = Annotated[
 
 
 @record
-class SharedOptions:
-    """The options of a command on a scene: where its results go, keys that are set, what is drawn and printed.
+class Told:
+    """The options of a command that prints a report.
 
-    A command has these options where it has a parameter of this class; ``with_shared`` puts them there.
+    kept : takes what the command would print where a program in Python has called it; None on the command line. It is
+    no option.
     """
+
+    as_json: ReportAsJson = False
+    quiet: Quiet = False
+    kept: Any = None
+
+    @property
+    def console(self) -> Console:
+        return self.kept or Console(self.as_json, self.quiet)
+
+
+@record
+class Printed:
+    """A command that prints JSON and nothing else, and so needs no options."""
+
+    kept: Any = None
+
+    @property
+    def console(self) -> Console:
+        return self.kept or Console(as_json=True)
+
+
+@record
+class SharedOptions:
+    """The options of a command on a scene: where its results go, keys that are set, what is drawn and printed."""
 
     out: OutDir = None
     overrides: Overrides = None
@@ -253,6 +278,7 @@ class SharedOptions:
     format_: PlotFormat = "png"
     as_json: AsJson = False
     quiet: Quiet = False
+    kept: Any = None
 
     @property
     def drawings(self) -> Drawings | None:
@@ -263,13 +289,13 @@ class SharedOptions:
 
         return Drawings(self.plots, self.format_)
 
-    def directory(self, scene: Path, command: str) -> Path:
-        """Return where the results of a command on a scene go."""
-        return self.out or default_directory(scene, command)
+    def directory(self, scene: Path | None, command: str) -> Path | None:
+        """Return where the results of a command on a scene go; None where they stay in memory."""
+        return self.out if self.out is not None or self.kept else default_directory(scene, command)
 
     @property
     def console(self) -> Console:
-        return Console(self.as_json, self.quiet)
+        return self.kept or Console(self.as_json, self.quiet)
 
     def job(
         self, command: str, scene: Path, strict: bool = False, changes: Sequence[str] = (), **more: Any
@@ -281,26 +307,31 @@ class SharedOptions:
         )
 
 
-def with_shared(command: Callable[..., int]) -> Callable[..., int]:
-    """Return a command that takes the options of ``SharedOptions`` one by one, in place of its parameter of that class.
+# a command has the options of one of these where it has a parameter of that class; ``with_shared`` puts them there
+GROUPS = (SharedOptions, Told, Printed)
+KEPT = "kept"
 
-    An option that the command declares itself, with a help or at a place of its own, goes to both.
+
+def with_shared(command: Callable[..., int]) -> Callable[..., int]:
+    """Return a command that takes the options of a group one by one, in place of its parameter of that class.
+
+    An option that the command declares itself, with a help or at a place of its own, goes to both. It takes ``kept``,
+    which is no option, too.
     """
     own = inspect.signature(command, eval_str=True).parameters
-    place = next((name for name, parameter in own.items() if parameter.annotation is SharedOptions), None)
-    if place is None:
-        return command
-    kinds = inspect.get_annotations(SharedOptions, eval_str=True)
+    place, group = next((name, p.annotation) for name, p in own.items() if p.annotation in GROUPS)
+    kinds = inspect.get_annotations(group, eval_str=True)
     shared = [
         inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=kinds[f.name])
-        for f in dataclasses.fields(SharedOptions)
+        for f in dataclasses.fields(group)
+        if f.name != KEPT
     ]
 
     @functools.wraps(command)
-    def run(**values: Any) -> int:
+    def run(kept: Any = None, **values: Any) -> int:
         given = {option.name: values[option.name] for option in shared}
         rest = {name: value for name, value in values.items() if name in own}
-        return command(**rest, **{place: SharedOptions(**given)})
+        return command(**rest, **{place: group(**given, kept=kept)})
 
     parameters: list[inspect.Parameter] = []
     for name, parameter in own.items():

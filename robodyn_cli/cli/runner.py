@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from robodyn_cli.motion.going_on import Journal
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.hdf5.writer import ResultWriter
-    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.results.in_memory import Output
     from robodyn_cli.results.result import Result
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.tools.progress import Stopwatch
@@ -26,23 +26,24 @@ if TYPE_CHECKING:
 Describe = Callable[[Mapping[str, Any]], str]
 
 
-def default_directory(scene: Path, command: str) -> Path:
-    """Return outputs/<scene stem>/<command>."""
-    return Path("outputs") / scene.stem / command
+def default_directory(scene: Path | None, command: str) -> Path:
+    """Return outputs/<scene stem>/<command>; without a scene outputs/<command>."""
+    return Path("outputs") / (scene.stem if scene is not None else "") / command
 
 
 @record
 class SceneRun:
     """A command on a scene, as it was asked for on the command line.
 
-    directory : of its results. overrides : ``key.path=value`` texts. drawings : None for none. options : what
-    the command has of its own, as its function in ``works/`` takes it (``quick`` of ``stability``). resume : go on
-    with a long run that was killed.
+    scene : its file; for a program in Python what ``load_scene`` takes. directory : of its results; None where they
+    stay in memory. overrides : ``key.path=value`` texts. drawings : None for none. options : what the command has of
+    its own, as its function in ``works/`` takes it (``quick`` of ``stability``). resume : go on with a long run that
+    was killed.
     """
 
     command: str
     scene: Path
-    directory: Path
+    directory: Path | None
     overrides: Sequence[str] = ()
     drawings: Drawings | None = None
     strict: bool = False
@@ -71,24 +72,31 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
             publish(result, directory, job.drawings, watch)
     if failure is not None:
         until = "" if isinstance(failure, StrictError) else " until then"
-        console.note(f"results{until}: {directory.path}")
+        if directory.lasts:
+            console.note(f"results{until}: {directory.path}")
         _show_data(directory, console)
-        console.error(failure.message)
-        return failure.exit_code
+        return console.failed(failure)
     show(result, directory, console, describe)
     return OF_STATUS.get(result.status, 0)
 
 
 @contextlib.contextmanager
-def output(target: Path, scene: Path | None, console: Console) -> Iterator[OutputDirectory]:
-    """Give the output directory of a run, which begins with ``begun`` when there is something to compute.
+def output(target: Path | None, scene: Path | None, console: Console) -> Iterator[Output]:
+    """Give the output directory of a run, which begins with ``begun`` when there is something to compute; target :
+    None for one in memory.
 
     Where the block fails, say so of earlier results that stay as they were.
     """
+    if target is None:
+        from robodyn_cli.results.in_memory import InMemory
+
+        with InMemory() as none:
+            yield none
+        return
     from robodyn_cli.report.registry import plot_files
     from robodyn_cli.results.output_dir import OutputDirectory
 
-    directory = OutputDirectory(target, plot_files(), scene)
+    directory = OutputDirectory(target, plot_files(), scene if isinstance(scene, Path) else None)
     before = directory.stored_run()
     try:
         yield directory
@@ -99,7 +107,7 @@ def output(target: Path, scene: Path | None, console: Console) -> Iterator[Outpu
 
 
 @contextlib.contextmanager
-def begun(directory: OutputDirectory, console: Console) -> Iterator[None]:
+def begun(directory: Output, console: Console) -> Iterator[None]:
     """Hold an output directory; say whose results are there where it is another scene's."""
     tidy_up_first()
     with directory:
@@ -114,12 +122,12 @@ def begun(directory: OutputDirectory, console: Console) -> Iterator[None]:
 
 
 def publish(
-    result: Result, directory: OutputDirectory, drawings: Drawings | None, watch: Stopwatch | None = None
+    result: Result, directory: Output, drawings: Drawings | None, watch: Stopwatch | None = None
 ) -> None:
     """Draw a result that is written, and replace an earlier run's files by those of this one."""
     from robodyn_cli.report.registry import draw_all
 
-    if drawings is not None:
+    if drawings is not None and directory.lasts:
         with watch.stage("plots") if watch is not None else contextlib.nullcontext():
             draw_all(result, directory.new, drawings)
     if watch is not None:
@@ -127,8 +135,11 @@ def publish(
     directory.replace_old(result.summary)
 
 
-def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
-    """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
+def show(result: Result, directory: Output, console: Console, describe: Describe) -> None:
+    """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where. A program
+    in Python gets the result itself."""
+    if console.takes(result):
+        return
     _show_data(directory, console)
     if not console.for_people:
         return
@@ -141,7 +152,7 @@ def show(result: Result, directory: OutputDirectory, console: Console, describe:
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 
 
-def _show_data(directory: OutputDirectory, console: Console) -> None:
+def _show_data(directory: Output, console: Console) -> None:
     """Print what ``summary.json`` holds where JSON is asked for."""
     if console.as_json:
         from robodyn_cli.results.output_dir import SUMMARY_NAME
@@ -160,12 +171,12 @@ def _load(job: SceneRun, watch: Stopwatch, console: Console) -> Scene:
 
 
 def _writer(
-    job: SceneRun, scene: Scene, directory: OutputDirectory, stack: contextlib.ExitStack
+    job: SceneRun, scene: Scene, directory: Output, stack: contextlib.ExitStack
 ) -> ResultWriter | None:
     """Return what writes the results of a long run block by block; None for a run that is written at its end."""
     from robodyn_cli.over.commands import streams
 
-    if not streams(job.command, scene):
+    if not directory.lasts or not streams(job.command, scene):
         return None
     from robodyn_cli.results.hdf5.writer import ResultWriter
 
@@ -176,13 +187,13 @@ def _writer(
 
 
 def _journal(
-    job: SceneRun, scene: Scene, directory: OutputDirectory, stack: contextlib.ExitStack, console: Console
+    job: SceneRun, scene: Scene, directory: Output, stack: contextlib.ExitStack, console: Console
 ) -> Journal | None:
     """Return what keeps a long simulation for the case that it is killed, with its blocks if it is to go on."""
     from robodyn_cli.over.commands import keeps_journal
 
     journal = None
-    if keeps_journal(job.command, scene):
+    if directory.lasts and keeps_journal(job.command, scene):
         from robodyn_cli.motion.going_on import Journal
         from robodyn_cli.results.output_dir import UNFINISHED_NAME
 
@@ -242,16 +253,17 @@ def place_in_files(error: RobodynError, scene: Path, overrides: Sequence[str], c
     place(error, lambda: examine(scene, list(overrides)).root, command)
 
 
-def store(result: Result, directory: OutputDirectory, writer: ResultWriter | None = None) -> None:
-    """Write a result file that says of which run it is, whole or by its writer."""
+def store(result: Result, directory: Output, writer: ResultWriter | None = None) -> None:
+    """Write a result file that says of which run it is, whole or by its writer; nothing of one that stays in memory."""
     from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import RUN_ID
 
-    result.attributes[RUN_ID] = directory.run_id
+    if directory.lasts:
+        result.attributes[RUN_ID] = directory.run_id
     if writer is not None:
         writer.finish(status=result.status, summary=result.summary, events=result.events,
                       attributes=result.attributes)  # fmt: skip
-    else:
+    elif directory.lasts:
         write(result, directory.result_path)
 
 

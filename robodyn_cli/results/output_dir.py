@@ -53,6 +53,8 @@ class OutputDirectory:
     OutputError : it cannot be written into. DirectoryInUseError : another run is writing there.
     """
 
+    lasts = True  # what is written stays
+
     def __init__(
         self, path: str | Path, drawings: Iterable[str] = (), scene: str | Path | None = None
     ) -> None:

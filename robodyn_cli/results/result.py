@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import xarray
     from typing_extensions import Unpack
 
+    from robodyn_cli.results.report import Report
     from robodyn_cli.scene.types import Scene
 
 # what shows a result, or hands it to another library: named here, and imported when it is called, since drawings
@@ -29,6 +31,7 @@ VIEWS: Registry[Any] = Registry(
     {
         "plot": "report.notebook:plot",
         "html": "report.notebook:as_html",
+        "function": "cli.python:function",
         "xarray": "results.export:to_xarray",
         "pandas": "results.export:to_pandas",
     },
@@ -176,6 +179,51 @@ class Result:
         CapabilityError : there is no such plot, or no data for it; the message lists those that are possible.
         """
         return VIEWS["plot"](self, name)
+
+    def animate(self, file: str | os.PathLike[str] | None = None, **options: Any) -> Report:
+        """Make a movie of the result, as the function ``animate`` does; without a file a notebook shows it.
+
+        Raises
+        ------
+        CapabilityError : the result has no poses. Others as of the function.
+        """
+        return VIEWS["function"]("animate")(self, file=file, **options)
+
+    def report(self, file: str | os.PathLike[str] | None = None, **options: Any) -> Report:
+        """Make a page for a browser, as the function ``report`` does; without a file a notebook shows it.
+
+        Raises
+        ------
+        RobodynError : as of the function.
+        """
+        return VIEWS["function"]("report")(self, file=file, **options)
+
+    def export(self, to: str, out: str | os.PathLike[str]) -> Report:
+        """Write the result in another form into a directory, as the function ``export`` does.
+
+        Raises
+        ------
+        RobodynError : as of the function.
+        """
+        return VIEWS["function"]("export")(self, to=to, out=out)
+
+    def compare(self, baseline: Result | str | os.PathLike[str], **options: Any) -> Report:
+        """Return how the result differs from another, dataset by dataset, as the function ``compare`` tells it.
+
+        Raises
+        ------
+        RobodynError : as of the function.
+        """
+        return VIEWS["function"]("compare")(self, baseline, **options)
+
+    def check(self, scene: Any = None) -> Report:
+        """Return whether the result holds what its scene, or another one, expects, as the function ``check`` tells it.
+
+        Raises
+        ------
+        RobodynError : as of the function.
+        """
+        return VIEWS["function"]("check")(self, scene)
 
     def to_xarray(self) -> xarray.Dataset:
         """Return all datasets by their paths, with units, times and names of columns; see ``results.frames``."""

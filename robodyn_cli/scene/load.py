@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from collections.abc import Mapping as MappingOf
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check
@@ -18,6 +18,7 @@ from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
 from robodyn_cli.scene.text.includes import Includer, is_xml
 from robodyn_cli.scene.text.nodes import (
+    IN_PYTHON,
     Faults,
     Mapping,
     Node,
@@ -37,8 +38,11 @@ from robodyn_cli.schema.fields import OrFile, Section
 
 if TYPE_CHECKING:
     from robodyn_cli.scene.dialects import Description
+    from robodyn_cli.scene.text.values import Overrides
 
 NO_FILE = "<text>"
+# what a scene is read from: a file, its text, the keys and values of a map, or a scene that was read before
+GivenScene = str | os.PathLike[str] | MappingOf[str, Any] | Scene
 # keys without which the rest of a scene can be checked
 STAND_INS: dict[str, Any] = {"schema": 1, "gravity": (0.0, 0.0, 0.0)}
 
@@ -63,29 +67,35 @@ class Examined:
         return self.scene
 
 
-def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """Return the checked scene of a YAML file.
+def load_scene(source: GivenScene, overrides: Overrides = ()) -> Scene:
+    """Return the checked scene of a YAML file, of a text or of data of Python.
 
     Parameters
     ----------
-    path : the file.
-    overrides : ``key.path=value`` texts that replace values, in order.
+    source : the file's path; its text, which has more than one line; a map with the keys of a scene, whose arrays are
+        lists, and whose ``trajectory`` may be a tuple of arrays ``(t, q)``, ``(t, q, qd)`` or ``(t, q, qd, qdd)``; or a
+        scene, which is returned as it is unless there are overrides. Files that a text or a map names are relative to
+        the working directory.
+    overrides : values by key, ``{"robot.links.link1.mass": 3.0}`` or nested; or ``key.path=value`` texts, in order.
 
     Raises
     ------
     SceneError : the first thing that is not allowed, with file, line, column and key.
     """
-    return examine(path, overrides).checked()
+    if isinstance(source, Scene) and not overrides:
+        return source
+    return examine(source, overrides).checked()
 
 
-def load_scene_text(text: str, path: str = NO_FILE, overrides: Sequence[str] = ()) -> Scene:
+def load_scene_text(text: str, path: str = NO_FILE, overrides: Overrides = ()) -> Scene:
     """Return the checked scene of a YAML text; files that it names are relative to the folder of ``path``."""
-    return _examined_text(text, path, overrides).checked()
+    return _examined_text(text, path, _texts(overrides)).checked()
 
 
 def _examined_text(text: str, path: str, overrides: Sequence[str] = ()) -> Examined:
-    directory = "." if path == NO_FILE else os.path.dirname(path) or "."
-    real = "" if path == NO_FILE else os.path.realpath(path)
+    of_file = path not in (NO_FILE, IN_PYTHON)
+    directory = (os.path.dirname(path) or ".") if of_file else "."
+    real = os.path.realpath(path) if of_file else ""
     source = Source(path, directory, real)
     return _examine(lambda includer: compose(text, source, includer.faults), path, overrides)
 
@@ -130,19 +140,81 @@ def load_robot(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
     ------
     SceneError : as of ``load_scene`` and ``load_description``.
     """
-    name = os.fspath(path)
-    if not is_xml(read_text(name, None, "", name)):
+    given = isinstance(path, (Scene, MappingOf)) or "\n" in os.fspath(path)
+    if given or not is_xml(read_text(os.fspath(path), None, "", os.fspath(path))):
         return load_scene(path, overrides)
     return load_description(path, overrides=("gravity=[0, 0, -9.81]", *overrides))[1]
 
 
-def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:
-    """Return the scene of a YAML file and every error in it, in the order of the files' lines.
+def examine(source: GivenScene, overrides: Overrides = ()) -> Examined:
+    """Return the scene of a source, as of ``load_scene``, and every error in it, in the order of the files' lines.
 
     Errors that follow from another one (in the same key, or above or below it) are left out.
+
+    Raises
+    ------
+    SceneError : what is given is no source of a scene, or data that no scene holds.
     """
-    name = os.fspath(path)
-    return _examine(lambda includer: includer.open_root(name), name, overrides)
+    texts = _texts(overrides)
+    if isinstance(source, Scene):
+        return _examined_again(source, texts)
+    if isinstance(source, MappingOf):
+        from robodyn_cli.scene.text.values import node_of
+
+        root = node_of(source)
+        return _examine(lambda includer: root, IN_PYTHON, texts)
+    if isinstance(source, str) and "\n" in source:
+        return _examined_text(source, NO_FILE, texts)
+    if not isinstance(source, (str, os.PathLike)):
+        raise SceneError(
+            f"{shown(source)} of type {type(source).__name__} is no scene; allowed: a path, a text, a map, or a scene "
+            "that was loaded"
+        )
+    name = os.fspath(source)
+    return _examine(lambda includer: includer.open_root(name), name, texts)
+
+
+def _texts(overrides: Overrides) -> tuple[str, ...]:
+    """Return overrides as texts ``key.path=value``; most are."""
+    if isinstance(overrides, (list, tuple)) and all(type(x) is str for x in overrides):
+        return tuple(overrides)
+    from robodyn_cli.scene.text.values import settings
+
+    return tuple(settings(overrides))
+
+
+def _examined_again(scene: Scene, overrides: Sequence[str]) -> Examined:
+    """Return a scene that was read before with other values of keys; a function that controls it stays.
+
+    Raises
+    ------
+    SceneError : as of ``_own_text``.
+    """
+    if not overrides:
+        return dataclasses.replace(_examined_text(scene.text, scene.path), scene=scene)
+    _own_text(scene)
+    examined = _examined_text(scene.text, scene.path, overrides)
+    given, changed = scene.control, examined.scene
+    if changed is None or not all(x is not None and x.type == "python" for x in (given, changed.control)):
+        return examined
+    control = dataclasses.replace(changed.control, function=given.function)
+    return dataclasses.replace(examined, scene=dataclasses.replace(changed, control=control))
+
+
+def _own_text(scene: Scene) -> Examined:
+    """Return what the text of a scene holds, which is the scene itself.
+
+    Raises
+    ------
+    SceneError : the scene was changed in Python, so that its text is no longer what it is.
+    """
+    examined = _examined_text(scene.text, scene.path)
+    if examined.scene != scene:
+        raise SceneError(
+            f"{scene.path}: the scene was changed in Python after it was loaded, so there is no text in which keys "
+            "could have other values; allowed: scenes as they were loaded"
+        )
+    return examined
 
 
 class Family:
@@ -155,9 +227,14 @@ class Family:
     SceneError : the scene as it stands is wrong.
     """
 
-    def __init__(self, path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> None:
-        self.overrides = tuple(overrides)
-        self._take(os.fspath(path), examine(path, overrides))
+    def __init__(self, source: GivenScene, overrides: Overrides = ()) -> None:
+        self.overrides = _texts(overrides)
+        if isinstance(source, Scene):
+            examined = examine(source, self.overrides) if overrides else _own_text(source)
+            self._take(source.path, examined)
+        else:
+            examined = examine(source, self.overrides)
+            self._take(examined.checked().path, examined)
 
     def _take(self, path: str, examined: Examined) -> None:
         self.path = path
@@ -166,16 +243,9 @@ class Family:
         self.root: Node = examined.root
 
     @staticmethod
-    def of(scene: Scene | Family | str | os.PathLike[str]) -> Family:
+    def of(scene: GivenScene | Family) -> Family:
         """Return the family of a scene: of a file, or of one that was read before, with the files that it read then."""
-        if isinstance(scene, Family):
-            return scene
-        if not isinstance(scene, Scene):
-            return Family(scene)
-        family = Family.__new__(Family)
-        family.overrides = ()
-        family._take(scene.path, _examined_text(scene.text, scene.path))
-        return family
+        return scene if isinstance(scene, Family) else Family(scene)
 
     def with_values(self, overrides: Sequence[str]) -> Family:
         """Return the family of the scene with values of its own.
@@ -326,14 +396,3 @@ def _controller_states(control: Mapping, joints: Sequence[str]) -> tuple[str, ..
     if isinstance(kind, Scalar) and kind.text == "pid":
         return tuple(f"integral.{name}" for name in joints)
     return tuple(key.text for key, _ in own.entries) if isinstance(own, Mapping) else ()
-
-
-def is_part(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a YAML file is made to be included by scenes (a robot, a trajectory), not a scene itself."""
-    try:
-        root = Includer(Faults()).open_root(os.fspath(path))
-    except SceneError:
-        return False
-    if not isinstance(root, Mapping):
-        return not isinstance(root, Scalar)
-    return not any(root.get(key) is not None for key in ("schema", "robot", "command"))

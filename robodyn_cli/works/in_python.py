@@ -36,8 +36,8 @@ def controlled_by(scene: Scene, function: Any, period: float | None) -> Scene:
     if given is None:
         settings.append("control.type=python")
     if settings:
-        checked = load_scene_text(scene.text, scene.path, settings)
-        given = checked.control
+        scene = load_scene_text(scene.text, scene.path, settings)
+        given = scene.control
     return dataclasses.replace(scene, control=dataclasses.replace(given, function=function))
 
 

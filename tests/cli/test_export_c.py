@@ -12,8 +12,8 @@ import pytest
 
 from robodyn_cli import Mechanism, load_scene
 from robodyn_cli.cli.app import run
+from robodyn_cli.over.batch.stored import is_part
 from robodyn_cli.results import atomic
-from robodyn_cli.scene.load import is_part
 from tests.exported_c import COMPILER, ExportedC, needs_compiler, self_test
 
 ROOT = Path(__file__).parents[2]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import typer.main
 
+import robodyn
 import robodyn_cli
 from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import app
@@ -176,9 +177,9 @@ def test_exit_codes() -> None:
 
 
 def test_python_names() -> None:
-    part = section(text("docs/cli.md"), "## From Python")
-    named = {word for code in re.findall(r"`([^`]+)`", part) for word in re.findall(r"\w+", code)}
-    assert set(robodyn_cli.__all__) - {"__version__"} <= named
+    page = re.sub(r"^```.*?^```$", "", text("docs/python.md"), flags=re.DOTALL | re.MULTILINE)
+    named = {word for code in re.findall(r"`([^`]+)`", page) for word in re.findall(r"\w+", code)}
+    assert {*robodyn_cli.__all__, *robodyn.__all__} - {"__version__"} <= named
 
 
 def test_environment_variables() -> None:
@@ -341,14 +342,19 @@ def test_the_lock_is_where_the_readme_says() -> None:
     assert abs(lock["time"] - exact) < 1e-12
 
 
-def test_python_examples_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "page, left", [("README.md", ("pendulum.h5", "tip_path.png")), ("docs/python.md", ())]
+)
+def test_python_examples(
+    page: str, left: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     monkeypatch.chdir(tmp_path)
-    found = [block for block, _ in blocks(text("README.md"), "python")]
+    found = [block for block, _ in blocks(text(page), "python")]
     assert found
     for block in found:
-        exec(compile(block, "README.md", "exec"), {})
-    assert {"pendulum.h5", "tip_path.png"} <= {p.name for p in tmp_path.iterdir()}
+        exec(compile(block, page, "exec"), {})
+    assert {*left} <= {p.name for p in tmp_path.iterdir()}
 
 
 # -- links ---------------------------------------------------------------------------------------------

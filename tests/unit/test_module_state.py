@@ -22,18 +22,20 @@ WRITERS = {
     "kernels/compiler.py: compile_module": "`setdefault`: all threads get the module that is kept",
     "kernels/cache.py: CompileReport.spend": "a context variable",
     "record.py: _equip": "while a module is imported, once",
-    "report/canvas.py: print_figure": "NOT SAFE, as matplotlib: docs/cli.md",
-    "report/style.py: styled": "NOT SAFE, as matplotlib: docs/cli.md",
+    "report/canvas.py: print_figure": "NOT SAFE, as matplotlib: docs/python.md",
+    "report/style.py: styled": "NOT SAFE, as matplotlib: docs/python.md",
     "results/atomic.py: uninterrupted": "in the main thread alone",
     "foreign.py: survive": "the child only asks a library, h5py holds its own lock across a fork",
     "scene/mjcf/compiled.py: _Compiler.telling": "behind a lock",
     "tools/progress.py: Stopwatch.listen": "main thread of the command line",
     "over/study/cluster.py: _code_of": "behind a lock",
+    "threads.py: without_main": "behind a lock, while processes begin",
     "over/study/runs.py: _serve": "of a worker process, before its first run",
     "over/study/design.py: Sobol.rows": "main thread of the command `sweep`",
 }
 # Functions that keep what they have returned: pure, so that it does not matter which thread's result is kept.
 KEEPERS = {
+    "cli/python.py: function",
     "integrators/methods/collocation_tables.py: dense_table",
     "integrators/methods/collocation_tables.py: gauss_table",
     "integrators/methods/collocation_tables.py: radau_table",

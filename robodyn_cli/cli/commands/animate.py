@@ -9,9 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, number, quantity, utf8
+from robodyn_cli.cli.options import StoredResult, Told, number, quantity, utf8
 
 positive = number("a number > 0", lambda x: 0.0 < x < math.inf)
 
@@ -57,15 +56,15 @@ def command(
         str | None,
         typer.Option("--follow", metavar="POINT", parser=utf8, help="Named point that stays in the middle."),
     ] = None,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Make a movie of a stored result; return the exit code."""
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.movie.animate import animate
     from robodyn_cli.results.summary import as_keys
 
-    console = Console(as_json, quiet)
+    console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
         report = as_keys(animate(read_stored(result, needed), file, speed, fps, follow))

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Quiet, ReportAsJson
+from robodyn_cli.cli.options import Told
 
 if TYPE_CHECKING:
     from robodyn_cli.summaries.checks import CacheReport
@@ -22,15 +21,15 @@ EXAMPLES = (
 
 def command(
     clear: Annotated[bool, typer.Option("--clear", help="Remove all compiled code.")] = False,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Show where compiled code is kept and how much there is, or remove it; return the exit code."""
     from robodyn_cli.kernels.cache import MOST_BYTES, cache_directory, contents, remove_all
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.summaries.checks import CacheReport
 
-    console = Console(as_json, quiet)
+    console = told.console
     folder = cache_directory()
     removed = remove_all(folder) if clear and folder is not None else 0
     kept = contents(folder) if folder is not None else []

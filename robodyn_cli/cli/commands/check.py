@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, file
+from robodyn_cli.cli.options import StoredResult, Told, file
 from robodyn_cli.errors import FAILED, SceneError
 
 EXAMPLES = (
@@ -29,8 +28,8 @@ def command(
             help="Scene with the criteria; default: the result's own.",
         ),
     ] = None,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Judge a stored result; return 1 where an expectation does not hold."""
     from robodyn_cli.over.batch.criteria import judge
@@ -39,7 +38,7 @@ def command(
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.scene.load import load_scene, load_scene_text
 
-    console = Console(as_json, quiet)
+    console = told.console
     summary, text = summary_and_scene(result)
     if scene is not None:
         expect = load_scene(scene).expect

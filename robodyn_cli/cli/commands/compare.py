@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, Quiet, RelativeTolerance, ReportAsJson
+from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, RelativeTolerance, Told
 from robodyn_cli.errors import FAILED
 
 if TYPE_CHECKING:
@@ -42,13 +42,13 @@ def command(
     ],
     rtol: RelativeTolerance = RTOL,
     atol: AbsoluteTolerance = ATOL,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Compare two stored results, or all results below two directories; return 1 where they differ."""
     from robodyn_cli.over.batch.stored import is_tree
 
-    console = Console(as_json, quiet)
+    console = told.console
     if is_tree(result) or is_tree(baseline):
         return _trees(result, baseline, rtol, atol, console)
     return _two(result, baseline, rtol, atol, console)

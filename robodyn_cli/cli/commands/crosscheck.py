@@ -77,6 +77,7 @@ def command(
 ) -> int:
     """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
     from robodyn_cli.over.crosscheck.crosscheck import compared_command, crosscheck, refuse_choice
+    from robodyn_cli.results.result import Result
     from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.scene.load import load_scene
 
@@ -94,8 +95,12 @@ def command(
             report = crosscheck(loaded, engine, command, console.progress)
         finally:
             console.clear()
-    console.data(jsonable(as_keys(report)))
-    console.say(describe(report))
+    result = Result(
+        "crosscheck", loaded.title or command, report.status, loaded.text, summary=as_keys(report)
+    )
+    if not console.takes(result):
+        console.data(jsonable(result.summary))
+        console.say(describe(report))
     return 0 if report.agrees else FAILED
 
 
@@ -122,7 +127,7 @@ def _own_settings(loaded: Scene, path: Path, engine: str, step: float | None, sh
             publish(result, directory, shared.drawings, watch)
     if directory is not None:
         show(result, directory, console, describe_own)
-    else:
+    elif not console.takes(result):
         console.data(jsonable(result.summary))
         console.say(describe_own(result.summary))
     return 0

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, choice, file, utf8
+from robodyn_cli.cli.options import Overrides, Told, choice, file, utf8
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz", "json", "mcap")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
@@ -71,11 +70,11 @@ def command(
             help="With --c: a key that can be set in C. [default: masses, inertias, data of forces]",
         ),
     ] = None,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Write a stored result, or the robot or the functions of a scene, in another form; return the exit code."""
-    console = Console(as_json, quiet)
+    console = told.console
     tidy_up_first()
     with console.waiting(lambda: "exporting"):
         if c is not None and to is None and out is None:
@@ -117,7 +116,7 @@ def _functions(
         raise CapabilityError(f"{source} is a result, which has no functions; allowed with --c: a scene")
     overrides, keys = given
     asked = [asked_key(text) for text in keys]
-    if source.suffix in (".yaml", ".yml"):
+    if not isinstance(source, Path) or source.suffix in (".yaml", ".yml"):
         family = Family(source, overrides)
     else:
         robot = load_robot(source)
@@ -125,8 +124,17 @@ def _functions(
     return export_c(family, asked, directory, loop)
 
 
-def _is_stored(source: Path) -> bool:
-    return source.is_dir() or source.suffix == ".h5"
+def _is_stored(source: Any) -> bool:
+    """Tell a result from a scene."""
+    from robodyn_cli.results.result import Result
+
+    return isinstance(source, Result) or (
+        isinstance(source, Path) and (source.is_dir() or source.suffix == ".h5")
+    )
+
+
+def _is_scene(source: Any) -> bool:
+    return source.suffix in SCENES if isinstance(source, Path) else not _is_stored(source)
 
 
 def _files(source: Path, to: str, out: Path, overrides: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -139,7 +147,7 @@ def _files(source: Path, to: str, out: Path, overrides: Sequence[str]) -> tuple[
     from robodyn_cli.errors import CapabilityError
 
     stored = _is_stored(source)
-    if stored if to in OF_SCENES else source.suffix in SCENES:
+    if stored if to in OF_SCENES else _is_scene(source):
         of, kinds = ("a result", OF_RESULTS) if stored else ("a scene", OF_SCENES)
         raise CapabilityError(
             f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"

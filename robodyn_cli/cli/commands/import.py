@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Quiet, Strict, file, utf8
+from robodyn_cli.cli.options import Strict, Told, file, utf8
 from robodyn_cli.cli.runner import warn
 
 EXAMPLES = (
@@ -40,14 +39,15 @@ def command(
         ),
     ] = None,
     strict: Strict = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Write a URDF, SDF or MJCF as a robot in YAML, never over another file; return the exit code."""
     from robodyn_cli.results.atomic import write_new
     from robodyn_cli.scene.dialects import robot_yaml
     from robodyn_cli.scene.load import load_description
 
-    console = Console(quiet=quiet)
+    console = told.console
     folders = _folders(packages or ())
     path = robot or description.with_suffix(".yaml")
     with console.waiting(lambda: f"reading {description}"):
@@ -55,6 +55,7 @@ def command(
         warn(scene, strict, console)
         write_new(path, robot_yaml(document, str(path.parent)))
     moving = sum(joint.type != "fixed" for joint in scene.robot.joints)
+    console.data({"status": "ok", "file": str(path), "links": len(scene.robot.links), "joints": moving})
     console.say(
         f"{path}: {len(scene.robot.links)} links, {moving} joints that move. In a scene: robot: {path.name}"
     )

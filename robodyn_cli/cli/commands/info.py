@@ -7,18 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    Quiet,
-    ReportAsJson,
-    SceneFile,
-    utf8,
-)
-from robodyn_cli.cli.runner import begun, default_directory, output, placed, publish
+from robodyn_cli.cli.options import SceneFile, SharedOptions, utf8
+from robodyn_cli.cli.runner import begun, output, placed, publish
 from robodyn_cli.summaries.facts import LOAD
 
 EXAMPLES = (
@@ -39,29 +29,26 @@ def command(
             help="State, joints in their order or q.NAME=... each.",
         ),
     ] = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    format_: PlotFormat = "png",
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
 ) -> int:
     """Print the report of a scene at a state, and draw it; return the exit code."""
-    from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.works.info import info
 
-    console = Console(as_json, quiet)
-    target = out or default_directory(scene, "info")
+    console, overrides = shared.console, shared.overrides or ()
+    target = shared.directory(scene, "info")
     with console.waiting(lambda: "reading and drawing"), output(target, scene, console) as directory:
-        with placed(scene, overrides or (), "info"):
-            result = info(scene, overrides or (), at or ())
-        if not no_plots:
+        with placed(scene, overrides, "info"):
+            result = info(scene, overrides, at or ())
+        if shared.drawings is not None:
             with begun(directory, console):
-                publish(result, directory, Drawings(None, format_))
+                publish(result, directory, shared.drawings)
+    if console.takes(result):
+        return 0
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
-    if not no_plots:
+    if shared.drawings is not None:
         console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
     return 0
 

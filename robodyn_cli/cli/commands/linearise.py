@@ -39,7 +39,7 @@ def command(
         list[str] | None,
         typer.Option(
             "--at",
-            metavar="STATE",
+            metavar="q.NAME=...|balance",
             parser=utf8,
             help="State, as `info` takes it: `theta1=60 deg`, or `balance`.",
         ),

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Quiet, utf8
+from robodyn_cli.cli.options import Told, utf8
 
 if TYPE_CHECKING:
+    from robodyn_cli.cli.console import Console
     from robodyn_cli.robots.collection import StarterRobot
     from robodyn_cli.scene.starters import Starter
 
@@ -61,7 +61,8 @@ def command(
             "four_bar_deploy, mechanisms/solar_array, ...; an unknown NAME lists all.",
         ),
     ] = None,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Write a starter or an example, never over another file; return the exit code."""
     from robodyn_cli.errors import CapabilityError
@@ -73,7 +74,7 @@ def command(
         raise CapabilityError(
             "needs the kind of a scene, or --from with a robot, or --example with a scene; see 'robodyn new --help'"
         )
-    console = Console(quiet=quiet)
+    console = told.console
     if example is not None:
         return _example(example, file or Path("configs"), console)
     return _template(
@@ -86,6 +87,7 @@ def _template(template: StarterRobot | Starter, file: Path | None, name: str | N
 
     path = file or Path(f"{name}.yaml")
     write_new(path, template.text(str(path)))
+    console.data({"status": "ok", "file": str(path), "command": template.command})
     console.say(f"{path}: {template.title}. Run it: robodyn {template.command} {path}")
     return 0
 
@@ -101,6 +103,9 @@ def _example(name: str, target: Path, console: Console) -> int:
     texts = {target / place: text for place, text in texts_of(path, scene.sources, folder).items()}
     write_alike(texts)
     first, *others = texts
+    console.data(
+        {"status": "ok", "file": str(first), "command": scene.command, "with": list(map(str, others))}
+    )
     console.say(f"{first}: {scene.title}. Run it: robodyn {scene.command} {first}")
     if others:
         console.say(f"  with {', '.join(map(str, others))}")

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console, width
-from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
+from robodyn_cli.cli.console import width
+from robodyn_cli.cli.options import Overrides, SceneFile, Told
 from robodyn_cli.cli.runner import place_in_files, placed
 from robodyn_cli.errors import SceneError
 
@@ -26,15 +26,15 @@ def command(
         str | None,
         typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
     ] = None,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Print the plan; return 2 where data are missing that the command needs."""
     from robodyn_cli.over.commands import command_of
     from robodyn_cli.over.plan.plan import plan, render
     from robodyn_cli.scene.load import load_scene
 
-    console = Console(as_json, quiet)
+    console = told.console
     loaded = load_scene(scene, list(overrides or ()))
     command = for_command or command_of(loaded)
     with console.waiting(lambda: "planning"), placed(scene, overrides or (), command):

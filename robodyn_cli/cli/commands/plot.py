@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import PlotFormat, PlotNames, Quiet, ReportAsJson, StoredResults
+from robodyn_cli.cli.options import PlotFormat, PlotNames, StoredResults, Told
 
 EXAMPLES = (
     "plot outputs/double_pendulum/simulate",
@@ -25,19 +24,18 @@ def command(
     ),
     plots: PlotNames = None,
     format_: PlotFormat = "png",
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Draw stored results again; return the exit code."""
-    from robodyn_cli.over.batch.stored import read_stored
+    from robodyn_cli.over.batch.stored import read_all
     from robodyn_cli.report.overlay import draw_again
     from robodyn_cli.report.registry import Drawings
 
-    console = Console(as_json, quiet)
+    console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        read = [(path, read_stored(path)) for path in results]
-        files, missing = draw_again(read, out, Drawings(plots, format_))
+        files, missing = draw_again(read_all(results), out, Drawings(plots, format_))
     for name in missing:
         console.note(f"robodyn: warning: no data for the plot {name}")
     console.data({"status": "ok", "files": [str(path) for path in files], "without_data": missing})

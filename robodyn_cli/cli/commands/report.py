@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import LiveKeys, NoPlan, Quiet, ReportAsJson, StoredResults
+from robodyn_cli.cli.options import LiveKeys, NoPlan, StoredResults, Told
 from robodyn_cli.errors import CapabilityError, RobodynError
 
 if TYPE_CHECKING:
+    from robodyn_cli.over.batch.stored import Stored
     from robodyn_cli.over.live.pages import Asked
     from robodyn_cli.report.page.page import Shown
     from robodyn_cli.results.result import Result
@@ -50,15 +50,15 @@ def command(
     ],
     live: LiveKeys,
     no_plan: NoPlan = False,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Write one page for a browser with stored results; return the exit code."""
     from robodyn_cli.report.page.page import write_page
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.summaries.checks import PageReport
 
-    console = Console(as_json, quiet)
+    console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
         size = write_page(shown(results, not no_plan, live), file)
@@ -67,7 +67,7 @@ def command(
     return 0
 
 
-def shown(paths: list[Path], planned: bool, live: Sequence[Asked] = ()) -> list[Shown]:
+def shown(results: Sequence[Stored], planned: bool, live: Sequence[Asked] = ()) -> list[Shown]:
     """Return stored results for a page, with the plans of their scenes if ``planned``; live : keys with which they run
     there.
 
@@ -76,11 +76,11 @@ def shown(paths: list[Path], planned: bool, live: Sequence[Asked] = ()) -> list[
     ResultFileError : a result cannot be read. CapabilityError : one has poses, but this version cannot read its scene;
     or a scene cannot run in a page. SceneError : no scene has a key.
     """
-    from robodyn_cli.over.batch.stored import read_stored
+    from robodyn_cli.over.batch.stored import read_all
     from robodyn_cli.report.overlay import path_ends
     from robodyn_cli.report.page.page import Shown
 
-    read = [read_stored(path) for path in paths]
+    paths, read = zip(*read_all(results))
     for path, result in zip(paths, read):
         _require_scene(path, result)
     parts: Sequence[Mapping[str, Any] | None] = [None] * len(read)

@@ -18,9 +18,7 @@ from robodyn_cli.cli.options import (
     AbsoluteTolerance,
     Jobs,
     Overrides,
-    Quiet,
     RelativeTolerance,
-    ReportAsJson,
     SceneFiles,
     SharedOptions,
     number,
@@ -78,8 +76,6 @@ def command(
     ] = False,
     rtol: RelativeTolerance = RTOL,
     atol: AbsoluteTolerance = ATOL,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
     from robodyn_cli.over.batch.reports import batch_of, tally, write_reports
@@ -87,7 +83,7 @@ def command(
 
     if update and baseline is None:
         raise CapabilityError("--update-baseline needs --baseline DIR: the directory of the stored results")
-    start, console = time.perf_counter(), Console(as_json, quiet)
+    start, console = time.perf_counter(), shared.console
     entries: list[BatchEntry] = []
     tidy_up_first()
     try:
@@ -100,7 +96,7 @@ def command(
         cache_directory()  # says what is wrong with it once, for all scenes
         settings, drawn = overrides or (), shared.drawings
         stored = None if baseline is None else Baseline(baseline, out, rtol, atol, update)
-        entries += listed(gather(scenes))
+        entries += listed(gather(scenes, files=True))
         load(entries, out, settings)
         widths = max(len(e.name) for e in entries), max(len(e.command or "-") for e in entries)
         worker = functools.partial(command_line, drawn, settings)

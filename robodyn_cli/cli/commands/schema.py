@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Printed
 
 EXAMPLES = (
     "schema",
@@ -10,10 +10,10 @@ EXAMPLES = (
 )
 
 
-def command() -> int:
+def command(printed: Printed) -> int:
     """Print the JSON Schema; return the exit code."""
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.schema.json_schema import json_schema
 
-    Console(as_json=True).data(json_schema(Scene, "Scene of robodyn"))
+    printed.console.data(json_schema(Scene, "Scene of robodyn"))
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +18,10 @@ from robodyn_cli.cli.words import (
     motorisation_lines,
     number,
 )
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.load import GivenScene
+    from robodyn_cli.scene.types import Scene
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -62,6 +66,15 @@ EXAMPLES = (
     "simulate configs/double_pendulum.yaml --set initial.q.theta2='90 deg' --set simulate.duration=20",
     "simulate configs/cart_pole_lqr.yaml --out outputs/cart",
 )
+
+
+def in_python(scene: GivenScene, controller: Any = None, period: float | None = None) -> Scene:
+    """Return the scene with a function ``f(t, q, qd)`` as its controller, sampled every ``period`` seconds."""
+    from robodyn_cli.scene.load import load_scene
+    from robodyn_cli.works.in_python import controlled_by
+
+    loaded = load_scene(scene)
+    return loaded if controller is None and period is None else controlled_by(loaded, controller, period)
 
 
 def command(

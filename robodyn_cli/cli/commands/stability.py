@@ -66,7 +66,7 @@ def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -
     console = shared.console
     with (
         console.waiting(lambda: "the suite"),
-        output(shared.out or Path("outputs") / "stability-suite", None, console) as directory,
+        output(shared.directory(None, "stability-suite"), None, console) as directory,
         begun(directory, console),
     ):
         try:

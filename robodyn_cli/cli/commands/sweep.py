@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from robodyn_cli.over.study.study import Make, Study
     from robodyn_cli.report.registry import Drawings
-    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.results.in_memory import Output
     from robodyn_cli.results.result import Result
 
 MOST_CASES = 8  # shown on the terminal
@@ -123,7 +123,7 @@ def _maker(scheduler: str | None, jobs: int, console: Console, seconds: float) -
 
 def _run(
     study: Study,
-    directory: OutputDirectory,
+    directory: Output,
     maker: AbstractContextManager[Make],
     console: Console,
     drawn: Drawings | None,
@@ -146,7 +146,7 @@ def _run(
         ) as writer:
             result = report(study, file, writer, progress.seconds)
             store(result, directory, writer)
-        if drawn is not None:
+        if drawn is not None or not directory.lasts:
             result.variables = read(directory.result_path).variables
         publish(result, directory, drawn)
         file.forget()

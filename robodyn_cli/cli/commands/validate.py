@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFiles, Strict
+from robodyn_cli.cli.options import Overrides, SceneFiles, Strict, Told
 from robodyn_cli.errors import worst
 
 if TYPE_CHECKING:
@@ -21,32 +21,27 @@ EXAMPLES = (
 )
 
 
-def command(
-    scenes: SceneFiles,
-    overrides: Overrides = None,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
-    strict: Strict = False,
-) -> int:
+def command(scenes: SceneFiles, told: Told, overrides: Overrides = None, strict: Strict = False) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
     from robodyn_cli.over.batch.reports import validation_of
-    from robodyn_cli.over.batch.stored import gather
+    from robodyn_cli.over.batch.stored import gather, name_of
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.summaries.checks import SceneFindings
 
-    console = Console(as_json, quiet)
+    console = told.console
     report, codes = [], []
     for path in gather(scenes):
         findings = _findings(path, overrides or (), strict, console)
         codes.append(worst(f.exit_code for f in findings))
-        report.append(SceneFindings(str(path), codes[-1], findings))
+        name = name_of(path)
+        report.append(SceneFindings(name, codes[-1], findings))
         errors = sum(f.severity == "error" for f in findings)
         counts = {"error": errors, "warning": len(findings) - errors}
         words = [f"{n} {severity}{'s' if n > 1 else ''}" for severity, n in counts.items() if n]
-        console.say(f"{path}: {', '.join(words) or 'ok'}")
+        console.say(f"{name}: {', '.join(words) or 'ok'}")
         for finding in findings:
             console.say(f"  {finding.severity}: {finding.message}")
-            if quiet and finding.severity == "error":
+            if console.quiet and finding.severity == "error":
                 console.error(finding.message)
     code = worst(codes)
     console.data(as_keys(validation_of(report, code)))

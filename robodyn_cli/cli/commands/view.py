@@ -7,9 +7,8 @@ import webbrowser
 from pathlib import Path
 
 from robodyn_cli.cli.commands.report import shown
-from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import LiveKeys, NoPlan, Quiet, ReportAsJson, StoredResults
+from robodyn_cli.cli.options import LiveKeys, NoPlan, StoredResults, Told
 
 EXAMPLES = (
     "view outputs/four_bar_deploy/deploy",
@@ -22,13 +21,13 @@ def command(
     results: StoredResults,
     live: LiveKeys,
     no_plan: NoPlan = False,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    *,
+    told: Told,
 ) -> int:
     """Open a page with stored results in the browser; return the exit code."""
     from robodyn_cli.report.page.page import write_page
 
-    console = Console(as_json, quiet)
+    console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
         pages = shown(results, not no_plan, live)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,11 @@ from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import RESULT_NAME, RUN_ID, SUMMARY_NAME, same_run
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import read_summary
-from robodyn_cli.scene.load import is_part
+from robodyn_cli.scene.load import NO_FILE, GivenScene
+from robodyn_cli.scene.text import nodes
+from robodyn_cli.scene.text.includes import Includer
+from robodyn_cli.scene.text.nodes import IN_PYTHON
+from robodyn_cli.scene.types import Scene
 
 
 def result_path(path: Path) -> Path:
@@ -36,13 +40,19 @@ def result_path(path: Path) -> Path:
     return inside
 
 
-def read_stored(path: Path, select: Callable[[str], bool] | None = None) -> Result:
-    """Return the result that a path means.
+# an output directory, a result file, or for a program in Python a result itself
+Stored = Path | Result
+
+
+def read_stored(path: Stored, select: Callable[[str], bool] | None = None) -> Result:
+    """Return the result that a path means; a result as it is.
 
     Raises
     ------
     ResultFileError : there is none, it cannot be read, or the summary beside it is of another run.
     """
+    if isinstance(path, Result):
+        return path
     result = read(result_path(path), select)
     if (
         path.is_dir()
@@ -53,11 +63,65 @@ def read_stored(path: Path, select: Callable[[str], bool] | None = None) -> Resu
     return result
 
 
-def summary_and_scene(path: Path) -> tuple[dict[str, Any], str | None]:
+def read_all(stored: Sequence[Stored]) -> list[tuple[Path, Result]]:
+    """Return results with their paths; those in memory are told apart by their commands and numbers."""
+    return [
+        (
+            Path("in memory") / f"{one.command} {k}" / RESULT_NAME if isinstance(one, Result) else one,
+            read_stored(one),
+        )
+        for k, one in enumerate(stored, start=1)
+    ]
+
+
+def read_result(path: str | os.PathLike[str], select: Callable[[str], bool] | None = None) -> Result:
+    """Return a stored result: of an output directory, or of a file.
+
+    Of a run that failed before it had samples it is its status and its summary alone.
+
+    Parameters
+    ----------
+    select : tells of the path of a dataset whether it is wanted; default: all.
+
+    Raises
+    ------
+    ResultFileError : there is none, it cannot be read, or the files of the directory are of different runs.
+    """
+    place = Path(path)
+    if place.is_dir() and is_run(place):
+        return read_run(place, select)
+    if is_tree(place) and (below := sorted(runs_below(place))):
+        raise ResultFileError(
+            f"{place}: there is no {RESULT_NAME} in it but there are results below it, {below[0]} the first; allowed: "
+            "one of them, or read_results for all",
+            path=str(place),
+        )
+    return read_stored(place, select)
+
+
+def read_results(
+    directory: str | os.PathLike[str], select: Callable[[str], bool] | None = None
+) -> dict[str, Result]:
+    """Return all stored results below a directory, as ``run`` leaves them, by their paths from there.
+
+    Raises
+    ------
+    ResultFileError : there is none below it, or one cannot be read.
+    """
+    root = Path(directory)
+    names = sorted(runs_below(root))
+    if not names:
+        raise ResultFileError(f"{root}: there is no result in it, nor below it", path=str(root))
+    return {name: read_run(root / name, select) for name in names}
+
+
+def summary_and_scene(path: Stored) -> tuple[dict[str, Any], str | None]:
     """Return the summary of a run and the text of its scene, if a result file has it.
 
     A run that failed before it had results left only its summary.
     """
+    if isinstance(path, Result):
+        return path.summary, path.scene_text or None
     summary = read_summary(path / SUMMARY_NAME) if path.is_dir() else {}
     if summary and not (path / RESULT_NAME).exists():
         outputs = summary.get("outputs")
@@ -76,18 +140,33 @@ def _mixed(path: Path) -> ResultFileError:
     )
 
 
+def name_of(source: GivenScene) -> str:
+    """Return the name of a source in messages: its file, where it is one."""
+    if isinstance(source, (Scene, Mapping)):
+        return source.path if isinstance(source, Scene) else IN_PYTHON
+    name = os.fspath(source)
+    return NO_FILE if "\n" in name else name
+
+
 SUFFIXES = (".yaml", ".yml")
 
 
-def gather(words: Sequence[str]) -> list[Path]:
-    """Return the scene files, each once.
+def gather(words: Sequence[Any], files: bool = False) -> list[Path]:
+    """Return the scene files, each once; scenes that a program in Python gives, as they are, unless they must be files.
 
     A folder means all YAML files below it, a pattern those that match it; files that are made to be included (a
     robot, a trajectory) and hidden folders are passed over there. A file that is named is taken as it is.
     """
     paths: dict[str, Path] = {}
     for word in words:
-        here = list(_of(word))
+        if not isinstance(word, (str, Path)) or "\n" in str(word):
+            if files:
+                raise SceneError(
+                    "a scene in memory: each scene runs in a process of its own; allowed: files, folders, patterns"
+                )
+            paths[f"{len(paths)}\n"] = word
+            continue
+        here = list(_of(str(word)))
         if not here:
             reason = "there is no scene in it" if os.path.isdir(word) else "no file matches"
             raise SceneError(
@@ -112,6 +191,17 @@ def _of(word: str) -> Iterator[Path]:
                 yield file
     else:
         yield path
+
+
+def is_part(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a YAML file is made to be included by scenes (a robot, a trajectory), not a scene itself."""
+    try:
+        root = Includer(nodes.Faults()).open_root(os.fspath(path))
+    except SceneError:
+        return False
+    if not isinstance(root, nodes.Mapping):
+        return not isinstance(root, nodes.Scalar)
+    return not any(root.get(key) is not None for key in ("schema", "robot", "command"))
 
 
 # from what cannot be compared to what only the new tree has
@@ -157,9 +247,9 @@ class Compared:
         return RANK[self.verdict], -odd, -max(by_value, default=0.0)
 
 
-def is_tree(path: Path) -> bool:
+def is_tree(path: Stored) -> bool:
     """Tell whether a path means all results below it: a directory that is not the output directory of a run."""
-    return path.is_dir() and not is_run(path)
+    return isinstance(path, Path) and path.is_dir() and not is_run(path)
 
 
 def compare_trees(results: Path, baselines: Path, *, rtol: float, atol: float) -> list[Compared]:
@@ -211,7 +301,7 @@ def compare_stored(name: str, result: Path, baseline: Path, *, rtol: float, atol
     return Compared(name, "equal" if comparison.agrees else "differs", differing=comparison.differing)
 
 
-def read_run(directory: Path) -> Result:
+def read_run(directory: Path, select: Callable[[str], bool] | None = None) -> Result:
     """Return what a run left in its output directory; of one that failed before it had samples the status alone.
 
     Raises
@@ -220,8 +310,9 @@ def read_run(directory: Path) -> Result:
     """
     summary = read_summary(directory / SUMMARY_NAME)
     if (directory / RESULT_NAME).exists() or RUN_ID not in summary:
-        return read_stored(directory)
-    return Result(str(summary.get("command")), str(summary.get("title")), str(summary.get("status")), "")
+        return read_stored(directory, select)
+    command, title, status = (str(summary.get(key)) for key in ("command", "title", "status"))
+    return Result(command, title, status, "", summary=summary)
 
 
 def is_run(directory: Path) -> bool:

@@ -34,6 +34,7 @@ from robodyn_cli.registry import Registry
 from robodyn_cli.results.atomic import uninterrupted
 from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.threads import without_main
 from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
@@ -350,7 +351,7 @@ def _workers(task: Task, jobs: int) -> Iterator[list[Any]]:
     pairs = [context.Pipe() for _ in range(jobs)]
     processes = [context.Process(target=_serve, args=(theirs, task), daemon=True) for _, theirs in pairs]
     try:
-        with _interrupts_held():
+        with _interrupts_held(), without_main():
             for process in processes:
                 process.start()
         for _, theirs in pairs:

@@ -22,6 +22,7 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INFINITE = re.compile(r"[-+]?\.(inf|Inf|INF)")
 _NAN = re.compile(r"\.(nan|NaN|NAN)")
 _BASED = re.compile(r"[-+]?0[oOxX][0-9a-fA-F]+")
+IN_PYTHON = "<dict>"  # stands for the file of a scene that a program in Python has given as a map
 _WORDS: dict[str, Value] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 # Python does not convert very long integers; as floats they are infinite, and the reader refuses those
