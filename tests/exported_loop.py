@@ -63,6 +63,15 @@ class ExportedLoop:
         state = np.zeros(self.states)
         return int(self.code.own_loop_to(_at(memory), ctypes.c_double(time), _at(state))), state
 
+    def stop(self, memory: np.ndarray, time: float, longest: float = 1e3) -> tuple[int, np.ndarray]:
+        """Go to a time with a step that ends there."""
+        state = np.zeros(self.states)
+        times = ctypes.c_double(time), ctypes.c_double(longest)
+        return int(self.code.own_loop_stop(_at(memory), *times, _at(state))), state
+
+    def change(self, memory: np.ndarray, row: np.ndarray) -> int:
+        return int(self.code.own_loop_change(_at(memory), _at(np.append(row, 0.0)), 0))
+
     def time(self, memory: np.ndarray) -> float:
         return float(self.code.own_loop_time(_at(memory)))
 

@@ -178,6 +178,21 @@ def test_times_that_are_asked_for_change_nothing(tmp_path: Path) -> None:
 
 
 @needs_compiler
+def test_values_may_change_where_a_motion_stops(tmp_path: Path) -> None:
+    """A constant torque that is turned over at 0.7 s: the same motion as one with a torque that depends on time."""
+    ranges: Ranges = {"torques.theta1": (-5.0, 5.0)}
+    own = ExportedLoop(family_of("double_pendulum.yaml", ["torques.theta1=2.0"]), ranges, tmp_path / "c")
+    loop, _ = own.begin(np.array([2.0]))
+    stopped = [own.stop(loop, t) for t in (0.3, 0.7)]
+    assert own.change(loop, np.array([-3.0])) == 0 and own.change(loop, np.array([9.0])) != 0
+    status, x = own.stop(loop, 1.5)
+    family = family_of("double_pendulum.yaml", ["torques.theta1='if(t<0.7,2,-3)'", "simulate.duration=1.5"])
+    runs = run_many(family, {"robot.links.link1.mass": (1.0, 20.0)}, np.array([[12.456]]))
+    assert [s for s, _ in stopped] == [REACHED, REACHED] and status == REACHED
+    np.testing.assert_allclose(x[:4], [*runs.q[0], *runs.qd[0]], rtol=0, atol=1e-9)
+
+
+@needs_compiler
 def test_a_lock_ends_a_motion_and_stays(tmp_path: Path) -> None:
     own = ExportedLoop(
         family_of("four_bar_deploy.yaml"), {"robot.links.crank.mass": (10.0, 40.0)}, tmp_path / "c"

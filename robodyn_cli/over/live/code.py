@@ -51,7 +51,7 @@ def loop_texts(system: System, method: Method, target: Target) -> list[str]:
 
 @record
 class StateEquations:
-    """Equations of a state x at t = 0. places : in x, of the entries of each group of symbols."""
+    """Equations of a state x, at t = 0 if that is no group. places : in x, of the entries of each group of symbols."""
 
     program: Program
     places: Mapping[str, Sequence[int]]
@@ -65,10 +65,8 @@ def equations_text(equations: Mapping[str, StateEquations], tables: Tables, targ
         inputs: dict[str, Any] = {
             group: [f.load(f.offset("%x", k)) for k in places] for group, places in own.places.items()
         }
-        inputs["t"], inputs[NUMBERS] = (
-            [f.constant(0.0)],
-            Array(f, f.offset(f"%{NUMBERS}", tables.start(program))),
-        )
+        inputs.setdefault("t", [f.constant(0.0)])
+        inputs[NUMBERS] = Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
         values = [x for part in programs.evaluate(f, program, inputs, 1).values() for x in part]
         for k, x in enumerate(values):
             f.store(x, f.offset("%out", k))

@@ -77,6 +77,15 @@ int {own}_loop_begin({own}_loop *loop, const double values[{key_room}], int agai
    ever after; {big}_LOOP_FAILED where the integration has failed. */
 int {own}_loop_to({own}_loop *loop, double time, double x[{states}]);
 
+/* The same with a step that ends there, and none that is longer than so much. Behind it values may change. */
+int {own}_loop_stop({own}_loop *loop, double time, double longest, double x[{states}]);
+
+/* Goes on with other values of keys that are no starts, from the time of the last stop. Returns 0, or a reason. */
+int {own}_loop_change({own}_loop *loop, const double values[{key_room}], int again);
+
+/* The state where it stands. */
+void {own}_loop_state(const {own}_loop *loop, double x[{states}]);
+{outputs}
 /* The time that was reached; steps that were made; events that were passed; the last one, -1 for none. */
 double {own}_loop_time(const {own}_loop *loop);
 int {own}_loop_steps(const {own}_loop *loop);
@@ -141,6 +150,16 @@ class LoopLibrary:
         extra = (f"z.{k}" for k in range(d["size"]))
         return [x if x[0] else (next(extra), "1") for x in found]
 
+    @property
+    def _outputs(self) -> str:
+        """The declaration of further outputs, where there are any."""
+        sizes = self.tables.constants
+        count = sizes["OBSERVED"] + sizes["REACTIONS"]
+        if not count:
+            return ""
+        arguments = f"{self.name}_loop *loop, double time, const double x[{sizes['NX']}], double out[{count}]"
+        return f"\n/* What else is put out at a time and state. */\nvoid {self.name}_loop_outputs({arguments});\n"
+
     @cached_property
     def header(self) -> str:
         """The text of the header."""
@@ -155,7 +174,7 @@ class LoopLibrary:
             own=self.name, big=self.big, scene=comment(self.scene), version=__version__, keys=keys, nq=nq, nv=nv,
             nq_room=max(1, nq), nv_room=max(1, nv), states=d["size"], events=len(d["events"]), samples=t.shown + 1,
             duration=repr(float(d["duration"])), loop=integration, room=integration + sum(t.judging.values()),
-            key_room=t.key_room,
+            key_room=t.key_room, outputs=self._outputs,
             columns=", ".join(f"{comment(name)} [{comment(unit)}]" for name, unit in self.columns),
         )  # fmt: skip
 

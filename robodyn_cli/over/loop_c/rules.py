@@ -34,9 +34,9 @@ FEW_RUNS = 8  # stretches of entries that are copied one after another in the te
 GIVEN = (
     "steps", "time", "again.steps", "again.given_up", "jacobian", "psi", "eta", "cosines", "q", "v", "energies.start",
     "energies.end", "work", "start", "first.out", "first.end", "again.out", "again.end", "again.time", "third.out",
-    "third.end", "third.steps",
+    "third.end",
 )  # fmt: skip
-JUDGED = ("w", "when", "most", "good", "step", "v", "end", "doubt", "time_error")
+JUDGED = ("w", "when", "most", "good", "step", "v", "end", "time_error")
 
 
 @record

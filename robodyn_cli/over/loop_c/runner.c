@@ -274,6 +274,7 @@ int own_loop_begin(own_loop *loop, const double values[own_KEY_ROOM], int again)
     if (again)
         start_beside(m, x);
     w[SLOT_T_END] = 1e300;
+    m->state[LONGEST] = w[SLOT_H_MAX];
     begin_block(m, w, spec->n, INT64_MAX / 4, x);
     memcpy(m->out, x, sizeof m->out);
     m->state[LAST_EVENT] = -1.0;
@@ -321,57 +322,105 @@ static int note_event(Integration *m)
 }
 #endif
 
-int own_loop_to(own_loop *loop, double time, double state[own_STATES])
+/* Goes to a time, or to the end of the motion before it; cut : whether a step ends there. */
+static int go_on(Integration *m, double time, int cut)
 {
-    Integration *m = (Integration *)(void *)loop->memory;
-
     if (m->state[ENDED] == 2.0 || time != time)
         return own_FAILED;
     connect(m, m->out);
-#if EVENTS
+    m->state[LIMIT] = cut ? time : 1e300;
+    m->block[AT_W / 8 + SLOT_T_END] = m->state[LIMIT];
     for (;;) {
         int64_t status;
+#if EVENTS
         if (m->state[AT_EVENT] != 0.0) {
             if (time < m->state[EVENT_TIME]) {
                 if (!sample_before_event(m, time))
                     return own_FAILED;
                 m->state[TIME] = time;
-                break;
+                return own_REACHED;
             }
             if (m->state[ENDED] != 0.0) {
                 memcpy(m->out, (char *)m->block + AT_Y, sizeof m->out);
                 m->state[TIME] = m->state[EVENT_TIME];
-                memcpy(state, m->out, sizeof m->out);
                 return own_ENDED;
             }
             /* trial steps use the end for themselves */
-            m->block[AT_W / 8 + SLOT_T_END] = 1e300;
+            m->block[AT_W / 8 + SLOT_T_END] = m->state[LIMIT];
             set_count(m->block, COUNT_MAX_STEPS, INT64_MAX / 4);
             m->state[AT_EVENT] = 0.0;
             m->state[PASSED] += 1.0;
         }
-        ask(m->block, time, 1);
+#endif
+        ask(m->block, time, cut ? -1 : 1);
         status = loop_run_to_event((char *)m->places);
-        if (status == STATUS_FULL) {
+        if (status == (cut ? STATUS_DONE : STATUS_FULL)) {
+            if (cut)
+                memcpy(m->out, (char *)m->block + AT_Y, sizeof m->out);
             m->state[TIME] = time;
-            break;
+            return own_REACHED;
         }
-        if (status != STATUS_EVENT || note_event(m)) {
-            m->state[ENDED] = 2.0;
-            return own_FAILED;
-        }
-    }
-#else
-    ask(m->block, time, 1);
-    if (loop_run_to_event((char *)m->places) != STATUS_FULL) {
+#if EVENTS
+        if (status == STATUS_EVENT && !note_event(m))
+            continue;
+#endif
         m->state[ENDED] = 2.0;
         return own_FAILED;
     }
-    m->state[TIME] = time;
-#endif
-    memcpy(state, m->out, sizeof m->out);
-    return own_REACHED;
 }
+
+int own_loop_to(own_loop *loop, double time, double x[own_STATES])
+{
+    Integration *m = (Integration *)(void *)loop->memory;
+    const int reached = go_on(m, time, 0);
+
+    memcpy(x, m->out, sizeof m->out);
+    return reached;
+}
+
+int own_loop_stop(own_loop *loop, double time, double longest, double x[own_STATES])
+{
+    Integration *m = (Integration *)(void *)loop->memory;
+    int reached;
+
+    if (longest < m->state[LONGEST])
+        m->block[AT_W / 8 + SLOT_H_MAX] = longest;
+    else
+        m->block[AT_W / 8 + SLOT_H_MAX] = m->state[LONGEST];
+    reached = go_on(m, time, 1);
+    memcpy(x, m->out, sizeof m->out);
+    return reached;
+}
+
+int own_loop_change(own_loop *loop, const double values[own_KEY_ROOM], int again)
+{
+    Integration *m = (Integration *)(void *)loop->memory;
+    const int reason = set_numbers(m, values);
+
+    if (!reason)
+        put_off(m->table, m->numbers, again ? SECOND[0].draw : FIRST.draw);
+    return reason;
+}
+
+void own_loop_state(const own_loop *loop, double x[own_STATES])
+{
+    memcpy(x, ((const Integration *)(const void *)loop->memory)->out, own_STATES * sizeof(double));
+}
+
+#if OBSERVED
+void own_loop_outputs(own_loop *loop, double time, const double x[own_STATES], double out[OBSERVED + REACTIONS])
+{
+    Integration *m = (Integration *)(void *)loop->memory;
+
+    memcpy(m->observed, x, NX * sizeof(double));
+    m->observed[NX] = time;
+    loop_outputs((char *)m->observed, (char *)m->table, (char *)(m->observed + NX + 1));
+#if REACTIONS
+    loop_reactions((char *)m->observed, (char *)m->table, (char *)(m->observed + NX + 1 + OBSERVED));
+#endif
+    memcpy(out, m->observed + NX + 1, (OBSERVED + REACTIONS) * sizeof(double));
+}
+#endif
 
 double own_loop_time(const own_loop *loop)
 {
@@ -596,15 +645,15 @@ static int judge_end(Judging *j, const Made *first, own_loop_result *result, dou
     given.again_out = j->again_out;
     given.again_end = second.end;
     given.again_steps = &second.steps;
-    rule_errors_second(&given, &judged, j->scratch);
+    /* a third tells what other roundings do */
 #if THIRDS
-    if (judged.doubt[0] != 0.0 && drive_again(j, THIRD, THIRDS, j->run.x, first, j->third_out, &third)) {
+    if (drive_again(j, THIRD, THIRDS, j->run.x, first, j->third_out, &third)) {
         given.third_out = j->third_out;
         given.third_end = third.end;
-        given.third_steps = &third.steps;
         rule_errors_third(&given, &judged, j->scratch);
-    }
+    } else
 #endif
+        rule_errors_second(&given, &judged, j->scratch);
     result->time_error = 0.0;
     result->second_steps = (int)second.steps;
     fill(result, first, judged.end);

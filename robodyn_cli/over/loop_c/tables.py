@@ -14,7 +14,7 @@ from robodyn_cli.over.loop_c.rules import CRules, rule_name
 from robodyn_cli.over.loop_c.structure import CStructure
 
 ROW = 8  # bytes of a double
-SLOTS = ("T", "T_END", "SAMPLE_START", "SAMPLE_STEP")
+SLOTS = ("T", "T_END", "H_MAX", "SAMPLE_START", "SAMPLE_STEP")
 MORE_COUNTS = ("CAPACITY", "ROWS", "WATCH")
 
 
@@ -43,7 +43,8 @@ class LoopTables:
     def equations(self) -> list[str]:
         """The equations that runs ask for."""
         sizes = self.constants
-        asked = {"loops": "CLOSING", "energies": "BALANCE", "psi": "LOCKS", "jacobian": "SLOW"}
+        asked = {"loops": "CLOSING", "energies": "BALANCE", "psi": "LOCKS", "jacobian": "SLOW",
+                 "outputs": "OBSERVED", "reactions": "REACTIONS"}  # fmt: skip
         return [name for name in self.data["outputs"] if sizes[asked[name]]]
 
     @property
@@ -73,7 +74,8 @@ class LoopTables:
             "PLACES": len(memory["places"]), "JOBS": len(memory["job"]),
             "CLOSING": int(bool(closing)), "MISSING": int("step.missing" in rules), "FREE": int("step.free" in rules),
             "BESIDE": int("beside" in rules), "BALANCE": int("balance" in rules), "SLOW": int("slow" in rules),
-            "LOCKS": int(d["locks"]),
+            "LOCKS": int(d["locks"]), "OBSERVED": sum(d["outputs"].get("outputs", {}).values()),
+            "REACTIONS": sum(d["outputs"].get("reactions", {}).values()),
         }  # fmt: skip
         sizes |= {f"AT_{name.upper()}": place for name, place in memory["parts"].items()}
         if closing:
@@ -100,11 +102,13 @@ class LoopTables:
         closing = [size for name, size in self.rules.scratch.items() if not name.startswith("errors")]
         outputs = [sum(sizes.values()) for sizes in d["outputs"].values()]
         block = memory["block"] // ROW
+        more = self.constants["OBSERVED"] + self.constants["REACTIONS"]
+        observed = {"observed": d["size"] + 1 + more} if more else {}
         return {
             "block": block, "saved": block, **room, "numbers": d["own"] + 1,
             "p": max(1, len(memory["parameters"])), "values": events + 1, "bracket": 2 * (1 + events),
             "places": len(memory["places"]), "table": max(1, len(d["numbers"])), "x": d["size"], "out": d["size"],
-            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": 6,
+            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": 8, **observed,
         }  # fmt: skip
 
     @cached_property
@@ -129,7 +133,7 @@ class LoopTables:
         if closing:
             pieces += [f"#define {name} {literal(closing[name])}" for name in ("TINY", "CLOSED")]
         pieces += ["#define LAST_EVENT 0", "#define EVENT_TIME 1", "#define AT_EVENT 2", "#define ENDED 3",
-                   "#define TIME 4", "#define PASSED 5", ""]  # fmt: skip
+                   "#define TIME 4", "#define PASSED 5", "#define LIMIT 6", "#define LONGEST 7", ""]  # fmt: skip
         return "\n".join([*pieces, self._types(), self._tables()])
 
     def _types(self) -> str:
