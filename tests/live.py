@@ -16,7 +16,7 @@ from robodyn_cli.scene.load import Family
 from tests.node import run_node
 from tests.source import PACKAGE
 
-SCRIPTS = [PACKAGE / "report" / "page" / f"{name}.js" for name in ("rules", "runner")]
+SCRIPTS = [PACKAGE / "report" / "page" / f"{name}.js" for name in ("rules", "runner", "sweep")]
 RUN = """
 const runner = await Runner.of(data.live, Uint8Array.from(Buffer.from(data.code, 'base64')));
 return data.rows.map((row) => runner.run(row));
@@ -32,7 +32,7 @@ def live_data(live: LiveStructure) -> dict[str, Any]:
 
 
 def in_node(data: Mapping[str, Any], script: str, folder: Path) -> Any:
-    scripts = "\n".join(path.read_text() for path in SCRIPTS)
+    scripts = "\n".join(["class Chart {}", *(path.read_text() for path in SCRIPTS)])  # which draws
     return run_node(scripts + script, data, folder)
 
 

@@ -47,7 +47,7 @@ def figures(page: Any) -> dict[str, str]:
 
 
 def number_of(text: str) -> float:
-    return float(re.match(r"-?[\d.]+", text).group())  # type: ignore[union-attr]
+    return float(re.match(r"-?[\d.]+", text.replace("−", "-")).group())  # type: ignore[union-attr]
 
 
 def slide(page: Any, k: int, value: float) -> None:
@@ -90,6 +90,26 @@ def test_keys_and_a_second_run_beside(live_page: Path, opened: Opener) -> None:
     assert figures(page)["time of the lock"] != first
     page.locator(".live .plots").scroll_into_view_if_needed()
     page.locator(".live .plots path[stroke-dasharray^='5 3']").first.wait_for(state="attached")
+
+
+def test_a_figure_over_the_range_of_a_key(four_bar: Result, tmp_path: Path, opened: Opener) -> None:
+    """Its curve passes through what is seen, refused parts are hatched there and marked at the slider."""
+    length = ("robot.joints.theta1.a", "1.2405", "1.2415")
+    target = tmp_path / "sweep.html"
+    write_page([Shown("deploy", four_bar, live=live_parts([four_bar], [MASS, length])[0])], target)
+    page = running(opened, target)
+    page.locator(".live .sweep summary").click()
+    page.locator(".live .sweep[data-points='49']").wait_for()
+    assert page.locator(".live .sweep .chart path").count() >= 1
+    assert float(page.locator(".live .sweep .legend span").inner_text()) == pytest.approx(
+        number_of(figures(page)["time of the lock"]), rel=1e-5
+    )
+    page.locator(".live .sweep select").first.select_option("1")
+    page.locator(".live .sweep rect[fill^='url']").first.wait_for(state="attached")
+    assert "the loops come near a loss of rank" in page.locator(".live .sweep .note").inner_text()
+    strips = page.locator(".live .parts")
+    assert strips.nth(1).locator("rect").count() >= 2 and strips.nth(0).locator("rect").count() == 0
+    assert strips.nth(1).get_attribute("aria-label").startswith("left to the command: 1.24")
 
 
 def test_values_that_a_page_leaves_to_the_command_are_told(live_page: Path, opened: Opener) -> None:

@@ -191,6 +191,37 @@ def test_a_motion_without_a_lock_is_no_answer(tmp_path: Path) -> None:
     assert page["reason"] == "no lock" and 10.0 < other["time"] < 12.3
 
 
+SCAN = """
+const runner = await Runner.of(data.live, Uint8Array.from(Buffer.from(data.code, 'base64')));
+let points = [];
+for (const _ of scanned(runner, data.row, data.k, 24, (found) => { points = found; }, 7)) ;
+const plain = (part) => ({ ...part, reasons: [...part.reasons] });
+return { points: points.map(({ x, refused }) => ({ x, refused })), parts: refusedParts(points).map(plain) };
+"""
+
+
+@needs_node
+def test_parts_of_a_range_that_are_left_to_the_command_are_found(tmp_path: Path) -> None:
+    """Where crank and ground are nearly as long the loops pass near a loss of rank; just as long, at a distance."""
+    family, ranges = family_of("four_bar_deploy.yaml"), {"robot.joints.theta1.a": (1.2405, 1.2415)}
+    live = LiveStructure(family, ranges)
+    found = in_node({**live_data(live), "row": live.row.tolist(), "k": 0}, SCAN, tmp_path)
+    points, parts = found["points"], found["parts"]
+    x = [point["x"] for point in points]
+    assert x == sorted(set(x)) and x[0] == 1.2405 and x[-1] == 1.2415
+    assert len(parts) >= 2 and all(part["reasons"] == ["ended"] for part in parts)
+    edges = [e for part in parts for e in (part["from"], part["to"]) if 1.2405 < e < 1.2415]
+    sharp = 1e-3 / 24 / 2**7
+    assert len(edges) >= 2
+    for edge in edges:
+        rows = np.array([[edge - sharp], [edge + sharp]])
+        refused = ["refused" in page for page in run_live(live, rows, tmp_path)]
+        assert refused[0] != refused[1], edge
+    for point in points:
+        inside = any(part["from"] <= point["x"] <= part["to"] for part in parts)
+        assert inside == bool(point["refused"])
+
+
 # -- what cannot leave ----------------------------------------------------------------------------------
 REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "another command": ("seven_joint_arm.yaml", (), {}, "cannot run in a page; allowed: simulate, deploy"),

@@ -82,7 +82,7 @@ class Chart {
     this.svg?.remove();
     this.over?.remove();
     const height = rows * (high + TOP + BOTTOM) + LAST - BOTTOM;
-    this.svg = made("svg", { viewBox: `0 0 ${this.width} ${height}`, role: "img", "aria-label": `${this.data.name} over time` }, this.box);
+    this.svg = made("svg", { viewBox: `0 0 ${this.width} ${height}`, role: "img", "aria-label": `${this.data.name} over ${this.data.over || "time"}` }, this.box);
     // what moves lies above on a layer of its own, so that the lines are painted once
     this.over = made("svg", { viewBox: `0 0 ${this.width} ${height}`, class: "over", "aria-hidden": "true" }, this.box);
     this.panels = this.data.panels.map((panel, k) => {
@@ -143,12 +143,13 @@ class Chart {
     }
     for (const [value, word] of numbered(...panel.x, false, Math.max(3, Math.floor((box.right - box.left) / 62)))) {
       made("line", { class: "rule", x1: round(x(value)), x2: round(x(value)), y1: box.top, y2: box.bottom }, this.svg);
-      made("text", { class: "middle", x: round(x(value)), y: box.bottom + 16 }, this.svg).textContent = word;
+      const middle = Math.min(x(value), this.width - 3.6 * word.length);
+      made("text", { class: "middle", x: round(middle), y: box.bottom + 16 }, this.svg).textContent = word;
     }
     made("path", { class: "frame", d: `M${box.left} ${box.top}V${box.bottom}H${box.right}` }, this.svg);
     const label = [panel.title, panel.label].filter((word) => word).join(": ");
     made("text", { x: box.left - this.left + 4, y: box.top - 14, class: "label" }, this.svg).textContent = label;
-    if (last) made("text", { x: (box.left + box.right) / 2, y: box.bottom + 33, class: "middle" }, this.svg).textContent = "time [s]";
+    if (last) made("text", { x: (box.left + box.right) / 2, y: box.bottom + 33, class: "middle" }, this.svg).textContent = panel.across || "time [s]";
   }
 
   line(line, box, x, y, inside, outside) {

@@ -9,11 +9,13 @@ async function unzipped(text) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/* A number with the digits that its error leaves, and the error. */
+/* A number with the digits that its error leaves, and the error; large and small ones with a power of ten. */
 function stated(x, error, unit) {
   if (!(error > 0)) return `${text(x, 10)} ${unit}`;
-  const digits = Math.min(15, Math.max(0, 1 - Math.floor(Math.log10(error))));
-  return `${x.toFixed(digits)} ± ${text(error, 2)} ${unit}`;
+  const place = (y) => Math.floor(Math.log10(y)), size = Math.max(Math.abs(x), error), power = size < 1e-3 || size >= 1e6 ? place(size) : 0;
+  const digits = Math.min(15, Math.max(0, 1 - place(error) + power)), number = (x / 10 ** power).toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−");
+  const both = `${number} ± ${text(error / 10 ** power, 2)}`;
+  return power ? `(${both})·${text(10 ** power, 2).replace("1·", "")} ${unit}` : `${both} ${unit}`;
 }
 
 const named = (tag, words, attributes = {}) => {
@@ -29,6 +31,8 @@ class Live {
     this.values = data.keys.map((key) => key.value);
     this.stored = player && { ...player.view.drawing };
     this.fields();
+    this.parts = new Background();
+    this.sweep = new Sweep(this, this.find(".sweep"));
     this.charts = GROUPS.map(([group, title, per]) => this.chart(group, title, per));
     box.hidden = false;
     this.update();
@@ -43,8 +47,7 @@ class Live {
       const slider = Object.assign(document.createElement("input"), { type: "range", id, ...range });
       const field = Object.assign(document.createElement("input"), { type: "number", ...range });
       field.setAttribute("aria-label", `${key.name} [${key.unit || "1"}]`);
-      const take = (event) => this.take(k, Number(event.target.value));
-      slider.addEventListener("input", take);
+      slider.addEventListener("input", () => this.slide(k, Number(slider.value)));
       // arrows go a hundredth of the range
       slider.addEventListener("keydown", (event) => {
         const steps = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
@@ -52,9 +55,12 @@ class Live {
         event.preventDefault();
         this.take(k, Math.min(key.high, Math.max(key.low, this.values[k] + steps * (key.high - key.low) / 100)));
       });
-      field.addEventListener("change", take);
-      this.find(".keys").append(label, slider, field, named("span", key.unit || ""));
-      return { slider, field };
+      field.addEventListener("change", () => this.take(k, field.value === "" ? NaN : Number(field.value)));
+      const both = named("div", "", { className: "slider" });
+      both.append(slider);
+      const strip = made("svg", { class: "parts", viewBox: "0 0 100 4", preserveAspectRatio: "none", role: "img", "aria-label": "" }, both);
+      this.find(".keys").append(label, both, field, named("span", key.unit || ""));
+      return { slider, field, strip };
     });
     this.find(".again").addEventListener("click", () => this.set(this.data.keys.map((key) => key.value)));
     this.find(".keep").addEventListener("click", () => {
@@ -64,13 +70,28 @@ class Live {
     });
     this.find(".copy").addEventListener("click", () => this.copy());
   }
+  /* A value of a slider: of as many digits as a thousandth of the range asks for. */
+  slide(k, value) {
+    const { low, high } = this.data.keys[k], step = 10 ** Math.floor(Math.log10((high - low) / 500));
+    this.take(k, Math.min(high, Math.max(low, Number((Math.round(value / step) * step).toPrecision(12)))));
+  }
   take(k, value) {
     this.values[k] = value;
-    this.update();
+    this.update(k);
   }
   set(values) {
     this.values = values;
-    this.update();
+    this.update(null);
+  }
+  /* Look for the parts of each range that are left to the command, beside the values that are seen. */
+  look(changed) {
+    const { runner, rows } = this, values = this.values.slice();
+    this.parts.start((function* () {
+      for (const [k, { strip }] of rows.entries()) {
+        if (k !== changed || !strip.dataset.looked) yield* scanned(runner, values, k, PARTS, (points) => showParts(strip, runner.data.keys[k], points), SHARPER);
+        strip.dataset.looked = "yes";
+      }
+    })());
   }
   /* What the command is given for what is seen. */
   get settings() {
@@ -87,7 +108,9 @@ class Live {
   }
 
   // -- what they give --------------------------------------------------------------------------------
-  update() {
+  update(changed = null) {
+    this.sweep.moved(changed);
+    this.look(changed);
     this.rows.forEach(({ slider, field }, k) => {
       slider.value = this.values[k];
       slider.setAttribute("aria-valuetext", `${text(this.values[k], 6)} ${this.data.keys[k].unit || ""}`);
@@ -107,6 +130,7 @@ class Live {
         clearTimeout(this.later);
         this.later = setTimeout(() => this.plot());
       }
+      this.sweep.cursor();
       this.box.dataset.milliseconds = performance.now() - begun;
       this.box.dataset.runs = Number(this.box.dataset.runs || 0) + 1;
     });
@@ -114,19 +138,26 @@ class Live {
   made() {
     const result = this.runner.run(this.values), refused = result.refused;
     this.find(".refused").textContent = refused ? `This page leaves these values to the command: ${refused}.` : "";
-    this.box.classList.toggle("left", Boolean(refused));
+    this.left = Boolean(refused);
+    this.box.classList.toggle("left", this.left);
     return refused ? null : result;
   }
 
+  get figureNames() {
+    const { data } = this, end = data.locks ? "at the lock" : "at the end";
+    const of = ([group]) => data[group].names.map((name) => `${group === "q" ? "" : "rate of "}${name} ${end}`);
+    return [...(data.locks ? ["time of the lock"] : []), ...GROUPS.flatMap(of)];
+  }
+  /* The figures of a run, in the order of their names. */
+  figuresOf(result) {
+    const { data } = this, units = (group, per, unit) => unit + (group === "v" && !unit.includes("/s") ? per : "");
+    const of = ([group, , per]) => data[group].units.map((unit, k) => ({ value: result[group][k], error: result[`${group}_error`][k], unit: units(group, per, unit) }));
+    return [...(data.locks ? [{ value: result.time, error: result.time_error, unit: "s" }] : []), ...GROUPS.flatMap(of)];
+  }
   figures() {
-    const { data, result } = this, rows = [];
-    const end = data.locks ? "at the lock" : "at the end";
-    if (data.locks) rows.push(["time of the lock", stated(result.time, result.time_error, "s")]);
-    for (const [group, , per] of GROUPS) {
-      data[group].names.forEach((name, k) => rows.push([`${group === "q" ? "" : "rate of "}${name} ${end}`,
-        stated(result[group][k], result[`${group}_error`][k], data[group].units[k] + (group === "v" && !data.v.units[k].includes("/s") ? per : ""))]));
-    }
-    rows.push(["steps of both integrations", `${result.steps} and ${result.second_steps}`]);
+    const { result } = this, found = this.figuresOf(result);
+    const rows = this.figureNames.map((name, k) => [name, stated(found[k].value, found[k].error, found[k].unit)]);
+    rows.push(["steps of two integrations", `${result.steps} and ${result.second_steps}`]);
     this.find("tbody").replaceChildren(...rows.map(([name, value]) => {
       const row = document.createElement("tr");
       row.append(named("th", name, { scope: "row" }), named("td", value));

@@ -35,9 +35,11 @@ SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
 ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
 LISTED = 12  # moments that have a button
 HELP = "Drag or arrow keys: turn. Wheel, pinch, + and −: zoom. Shift and drag: move. 0: as at first. Space: play."
+USUAL = 48  # points of a curve over a key
 LIVE = (
-    "Drawing, figures and plots here are of runs in this page, made twice, so that they have errors as those of the "
-    "command; plots and tables below are of the stored result."
+    "Drawing, figures and plots here are of runs in this page, made more than once, so that they have errors as those "
+    "of the command; plots and tables below are of the stored result. What is marked below a slider is left to the "
+    "command."
 )
 THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
 
@@ -134,10 +136,30 @@ def _live(place: int, number_of: int) -> Html:
         element("p", element("code", class_="settings")),
         element("p", class_="refused alarm", role="status"),
         element("table", element("tbody")),
+        _sweep(),
         element("div", class_="plots"),
     ]
     return element(
         "figure", content, class_="live", id=f"live-{place}", data_live=str(number_of), hidden=True
+    )
+
+
+def _sweep() -> Html:
+    """Return what asks for the curve of a figure over the range of a key."""
+    counts = [
+        element("option", f"{n} points", value=str(n), selected=n == USUAL or None)
+        for n in (24, USUAL, 96, 192)
+    ]
+    asked = [
+        element("select", aria_label="key"),
+        element("select", aria_label="figure"),
+        element("select", counts, aria_label="number of points"),
+    ]
+    return element(
+        "details",
+        element("summary", "a figure over the range of a key"),
+        element("p", asked, class_="controls"),
+        class_="sweep",
     )
 
 
@@ -242,7 +264,7 @@ def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
 
 # one after another they are the script of the page
 SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js")
-RUNNING = ("rules.js", "runner.js", "live.js")  # where scenes run in the page
+RUNNING = ("rules.js", "runner.js", "sweep.js", "live.js")  # where scenes run in the page
 STYLE = "page.css"
 
 
