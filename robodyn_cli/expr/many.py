@@ -220,15 +220,17 @@ class ManyNumbers:
         lists = [derive(shared, row) for row in rows]
         return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
 
-    def looked_up(self, x: Any, table: Any) -> Array:
-        """Return a piecewise polynomial at x (N, ...), whose knots and coefficients may be others in each run."""
+    def looked_up(self, x: Any, table: Any) -> Any:
+        """Return a piecewise polynomial at x (N, ...), whose knots and coefficients may be others in each run; a number
+        of a single run is one."""
         knots, rows, held = table
         own = self.table(knots), [self.table(row) for row in rows], None if held is None else self.table(held)
         xs = np.broadcast_to(x, (self.runs, *np.shape(x)[1:]))
-        return np.array([
+        found = np.array([
             piecewise(xs[k], (own[0][k], [row[k] for row in own[1]], None if own[2] is None else own[2][k]))
             for k in range(self.runs)
         ])  # fmt: skip
+        return float(found[0]) if self.runs == 1 and np.ndim(x) == 0 else found
 
 
 class Expressions:

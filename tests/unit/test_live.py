@@ -122,6 +122,11 @@ CASES: dict[str, tuple[str, Sequence[str], Ranges, int]] = {
     "lock of other lengths": ("four_bar_deploy.yaml", (), {"robot.joints.theta1.a": (1.2, 1.28), "initial.q.theta1": (0.008, 0.3)}, 5),
     "loop in space": ("benchmarks/spatial_slider_crank.yaml", (), {"robot.links.slider.mass": (1.0, 3.0)}, 0),
     "loop with a rate": ("benchmarks/rbd_four_bar.yaml", (), {"robot.links.link1.mass": (0.4, 2.0)}, 0),
+    "controller": ("double_pendulum.yaml", ("simulate.duration=3", "control={type: pid, gains: {kp: 300, kd: 30, ki: 50}}",
+                   "trajectory={type: quintic, points: [{t: 0, q: {theta1: 0, theta2: 0}}, {t: 3, q: {theta1: -1, theta2: 0.5}}]}"),
+                   {"robot.links.link1.mass": (8.0, 17.0), "control.gains.kp": (100.0, 500.0)}, 0),
+    "computed torque": ("double_pendulum.yaml", ("simulate.duration=3", "control={type: computed_torque, gains: {kp: 100, kd: 20}}",
+                        "trajectory={type: joint, duration: 3, q: {theta1: -1, theta2: 0.5*cos(t)}}"), MASSES, 0),
     "body in space": ("tumbling_body.yaml", ("simulate.duration=4",), {"robot.links.handle.inertia.yy": (0.0045, 0.0055)}, 0),
 }  # fmt: skip
 
@@ -226,7 +231,8 @@ def test_parts_of_a_range_that_are_left_to_the_command_are_found(tmp_path: Path)
 REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "another command": ("seven_joint_arm.yaml", (), {}, "cannot run in a page; allowed: simulate, deploy"),
     "contacts": ("bouncing_pendulum.yaml", (), {}, "contact states begin and change in Python"),
-    "controllers": ("cart_pole_lqr.yaml", (), {}, "a controller (acts|samples)"),
+    "samples of controllers": ("controlled_arm.yaml", (), {}, "a controller samples"),
+    "designed gains": ("cart_pole_lqr.yaml", (), {"robot.links.rod.mass": (0.05, 0.5)}, "its controller follows from the keys by computations"),
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
     "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),

@@ -79,6 +79,7 @@ class LiveStructure:
     """
 
     where = "run in a page"  # what the scene is to do, as refusals say it
+    controls = True  # whether states of controllers have their starts there
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
@@ -145,9 +146,10 @@ class LiveStructure:
         )
         if not isinstance(own, Structure):
             self.command.structure(self.family, mechanism.keys, self.row)  # which says why not
-            raise CapabilityError(
-                f"this scene cannot {self.where}: its equations cannot be built for many runs"
-            )
+            why = "its equations cannot be built for many runs"
+            if self.family.own.control is not None:
+                why = "its controller follows from the keys by computations in Python"
+            raise CapabilityError(f"this scene cannot {self.where}: {why}")
         if own.obstacle:
             raise CapabilityError(f"this scene cannot {self.where}: {own.obstacle}")
         left = sorted(set(range(len(rows))) - set(served.tolist()))
@@ -184,8 +186,8 @@ class LiveStructure:
             "no errors are estimated (simulate.error_estimate)": not scene.simulate.error_estimate,
             "the motion turns stiff, so that its method changes on the way": choice.may_change
             and choice.method == STIFF,
+            "a controller acts": scene.control is not None and not self.controls,
             "latches close": motion.system.closings is not None or bool(scene.deploy.latches),
-            "a controller acts": scene.control is not None,
             "loops of joints with quaternions are closed in Python": quasi
             and bool(motion.problem.constraints.rows),
         }
@@ -318,7 +320,7 @@ class LiveStructure:
             "keys": [self._key_data(key) for key in self.keys],
             "q": _columns(model.q_names, model.q_units, self.system.q_places),
             "v": _columns(model.v_names, model.v_units, self.system.v_places),
-            "size": self.system.size, "work": self.system.work_place,
+            "size": self.system.size, "work": self.system.work_place, "state": plain(motion.start),
             "memory": {
                 "block": memory.nbytes, "w": len(memory.w),
                 "parts": dict(zip(("w", "n", "y", "dense"), (a - first for a in memory.addresses))),

@@ -213,7 +213,7 @@ class Live {
           { ...this.line(k), entry: k, x: this.result.times, y: this.result.columns[own.places[k]] },
         ]);
         const values = panel.lines.flatMap((line) => line.y), low = Math.min(...values), high = Math.max(...values);
-        const room = 0.05 * (high - low) || Math.max(1e-12, 0.05 * Math.abs(high));
+        const room = 0.05 * (high - low) || 0.05 * Math.abs(high) || 1;
         panel.x = [0, Math.max(...panel.lines.map((line) => line.x[line.x.length - 1]))];
         panel.y = [low - room, high + room];
       }

@@ -125,7 +125,7 @@ class Runner {
   }
 
   state(q, v) {
-    const x = new Float64Array(this.data.size);
+    const x = Float64Array.from(this.data.state, Number); // with states of a controller
     this.data.q.places.forEach((place, k) => { x[place] = q[k]; });
     this.data.v.places.forEach((place, k) => { x[place] = v[k]; });
     return x;

@@ -117,7 +117,7 @@ class Sweep {
       errors.push({ colour: line.colour, alpha: 0.3, x: [...x, ...x.slice().reverse()], y: [...y.map((v, i) => v + off[i]), ...y.map((v, i) => v - off[i]).reverse()] });
     }
     const values = lines.flatMap((own) => own.y), low = Math.min(...values), high = Math.max(...values);
-    const largest = Math.max(0, ...good.map((point) => point.figures[n].error || 0)), room = 0.06 * (high - low) || Math.max(1e-12, 0.05 * Math.abs(high));
+    const largest = Math.max(0, ...good.map((point) => point.figures[n].error || 0)), room = 0.06 * (high - low) || 0.05 * Math.abs(high) || 1;
     const bands = refusedParts(this.points).map(({ from, to }) => ({ left: from, right: to, low: NaN, high: NaN, colour: "#7f7f7f", alpha: 0.55, hatched: true }));
     const unit = good.length ? good[0].figures[n].unit : "";
     const panel = { title: null, label: `${name} [${unit}]`, unit, log: false, across: `${key.name.replace(/^robot\./, "")} [${key.unit || "1"}]`,
