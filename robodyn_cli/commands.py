@@ -220,12 +220,15 @@ COMMANDS: dict[str, Command] = {
         DESIGNS,
         run="works.linearise.linearise:linearise",
         check="over.checks:linearise",
-        summary=("linear:LinearSummary",),
+        summary=("linear:LinearSummary", "linear:LoopKeys"),
         plots=(
             "linear:poles",
             "linear:poles_over_time",
             "mechanism:mode_shapes",
             "linear:frequency_response",
+            "loops:nyquist",
+            "loops:nichols",
+            "loops:singular_loop",
         ),
     ),
     "size": Command(

@@ -44,7 +44,7 @@ class Expectation:
         if isinstance(actual, bool) or not isinstance(actual, (int, float)):
             return False
         if self.strict:
-            return self.low < actual < self.high
+            return self.low < actual and (actual < self.high or self.high == math.inf)
         return self.low <= actual <= self.high
 
     def shown(self, actual: Any) -> str:

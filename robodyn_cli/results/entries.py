@@ -75,6 +75,45 @@ LINEAR = (
         )
         for part in ("real", "imaginary")
     ),
+    *(
+        Entry(f"{group}/{name}", dims, ROWS_OVER_COLUMNS, f"{name} of {what}")
+        for group, what in (
+            ("discrete", "the linear system under a hold, by samples; its last states are inputs on their way"),
+            ("loop", "the loop opened at the torques: u in, what the law gives for it out, with the sign turned"),
+        )
+        for name, dims in (
+            ("A", (f"{group}_state", f"{group}_state_column")), ("B", (f"{group}_state", "input")),
+            ("C", ("output", f"{group}_state")), ("D", ("output", "input")),
+        )
+    ),
+    Entry("discrete/period", (), "s", "period of the samples"),
+    Entry("discrete/delay", (), "s", "time from a sample until its input acts"),
+    Entry(
+        "loop/gains", ("input", "state"), ROWS_OVER_COLUMNS,
+        "gains of the law about the pose: torques, with the sign turned, for each unit of the plant's states",
+    ),
+    Entry(
+        "loop/poles_real", ("loop_pole",), "1/s or 1",
+        "real parts of the poles of the closed loop, of a sampled one per sample",
+    ),
+    Entry("loop/poles_imaginary", ("loop_pole",), "1/s or 1", "imaginary parts of these poles"),
+    Entry("loop/poles_error", ("loop_pole",), "1/s or 1", "how far rounding may move these poles"),
+    Entry("loop/frequency", ("loop_frequency",), "rad/s", "angular frequencies of the responses of the loop"),
+    *(
+        Entry(
+            f"loop/response_{part}", ("loop_frequency", "input"), "1",
+            f"{part} part of the loop opened at each input in turn, all others closed",
+        )
+        for part in ("real", "imaginary")
+    ),
+    Entry(
+        "loop/singular_values", ("loop_frequency", "singular_value"), "1",
+        "singular values of the loop opened at all inputs",
+    ),
+    Entry(
+        "loop/sensitivity", ("loop_frequency", "singular_value"), "1",
+        "singular values of its sensitivity (E + L)^-1",
+    ),
     Entry(
         "modes/q", ("mode", "side", "position"), "rad or m",
         "poses on both sides of each mode, drawn large, loops closed, in the order of `summary.modes`",

@@ -134,6 +134,8 @@ BESIDE = {
     "linear/poles_real": "linear/poles_error",
     "linear/poles_imaginary": "linear/poles_error",
     "control/gains": "control/gains_error",
+    "loop/poles_real": "loop/poles_error",
+    "loop/poles_imaginary": "loop/poles_error",
     "control/riccati": "control/riccati_error",
     "control/poles_real": "control/poles_error",
     "control/poles_imaginary": "control/poles_error",

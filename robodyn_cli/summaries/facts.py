@@ -91,6 +91,7 @@ class Fact:
     errors: tuple[str, ...]
     column: str
     about_run: bool = False
+    infinite: bool = False
 
 
 def fact(
@@ -120,6 +121,12 @@ def fact(
     kinds = (names,) if isinstance(names, str) else names
     own = Fact(doc, unit, kinds, errors or (), column, errors is None)
     return dataclasses.field(default=default, metadata={"fact": own})
+
+
+def or_infinite(declared: Any) -> Any:
+    """Declare that None stands for a number that is infinite, which ``expect`` takes for larger than any."""
+    own = dataclasses.replace(declared.metadata["fact"], infinite=True)
+    return dataclasses.field(default=declared.default, metadata={"fact": own})
 
 
 def key_of(field: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import ACCELERATION, LOAD, OWN, RATE, Absent, Termination, fact
+from robodyn_cli.summaries.loops import ClosedLoop, LoopMargins
 
 POLE = (".error",)
 
@@ -69,7 +70,7 @@ class LinearSummary:
 
     termination: Termination = fact("how the run ended")
     samples: int = fact("number of samples: 1 but along a motion")
-    about: str = fact("`state`, `balance`, `hold` or `motion`")
+    about: str = fact("`state`, `balance`, `hold`, `motion`, or `controller`: the pose that it is to keep")
     freedoms: int = fact("number of independent coordinates")
     configuration: dict[str, float] | Absent = fact("joint positions of the state; not along a motion", OWN)
     rates: dict[str, float] | Absent = fact("their rates; not along a motion", RATE)
@@ -90,3 +91,11 @@ class LinearSummary:
     growth: LargestGrowth | Absent = fact("along a motion: the pole farthest to the right")
     instants: list[LinearInstant] | Absent = fact("with `--instants`: samples along the motion")
     warnings: list[str] | Absent = fact("what a reader of the linear system should know; printed too")
+
+
+@record
+class LoopKeys:
+    """Keys of a scene with a controller, but along a motion."""
+
+    loop: dict[str, LoopMargins] = fact("the loop opened at each driven joint in turn, all others closed")
+    closed_loop: ClosedLoop = fact("the loop with all inputs closed")

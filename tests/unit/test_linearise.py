@@ -331,7 +331,7 @@ def test_a_controller_is_left_out() -> None:
     control = "control={type: pd, reference: {type: joint, duration: 0.5, q: {theta1: -1, theta2: 0.2}}, gains: {kp: 200, kd: 30}}"
     scene = load_scene(PENDULUM, [control, "simulate.duration=0.5", "simulate.samples=11"])
     plain = load_scene(PENDULUM)
-    assert_close(linearise(scene)["linear/A"], linearise(plain)["linear/A"], 1e-14)
+    assert_close(linearise(scene, about="state")["linear/A"], linearise(plain)["linear/A"], 1e-14)
     result = linearise(scene, about="motion")
     m, run = Mechanism(plain), simulate(scene)
     of_a = m.forward_dynamics_derivatives(run["q"], run["qd"], run["tau"])
@@ -399,7 +399,7 @@ def test_a_pole_is_as_uncertain_as_it_says() -> None:
         ([], {"inputs": ["theta3"]}, "--input theta3: unknown .did you mean 'theta"),
         ([], {"inputs": ["theta1", "theta1"]}, "a joint is given twice"),
         ([], {"outputs": ["top"]}, "--output top: unknown.*allowed: theta1, theta2, qd.theta1"),
-        ([], {"about": "there"}, "allowed: state, balance, hold, motion, times"),
+        ([], {"about": "there"}, "allowed: state, balance, hold, motion, controller, times"),
         (
             ["command=statics", "expect=null"],
             {"about": "motion"},

@@ -1,156 +1,320 @@
-"""Loop closures: their rows against differences and the graph, their keys."""
+"""The loop of a controller: against motions that a run shows, python-control, scipy and closed forms."""
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
+import cmath
+import json
+import math
+import re
+import warnings
+from pathlib import Path
 
+import control
 import numpy as np
 import pytest
+import scipy.io
+import scipy.signal
+from scipy.io import loadmat
+from scipy.optimize import brentq
+from scipy.signal import cont2discrete
 
-from robodyn_cli import load_scene_text
-from robodyn_cli.algorithms.constraints import LoopRows, vanishes
-from robodyn_cli.algorithms.kinematics import transforms
+from robodyn_cli import linearise, load_scene, simulate
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.calculus import directional, jacobian
-from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.loops.registry import loop_types
-from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
-from robodyn_cli.spatial.algebra import matrix, vector
-from tests.identities.trees import State, symbols
-from tests.numeric import assert_close, first_derivative, real
-from tests.random_models import random_rotation, random_tree
+from robodyn_cli.expr.statements import parse_expectation
+from robodyn_cli.over.batch.criteria import judge
+from robodyn_cli.results.export import export
+from robodyn_cli.scene import load_scene_text
+from robodyn_cli.works.loops.margins import StabilityMargins, margins
+from robodyn_cli.works.loops.systems import StateSpace, sampled
 
-ROWS = {
-    "revolute": 5, "prismatic": 5, "cylindrical": 4, "universal": 4, "spherical": 3, "planar": 3, "fixed": 6,
-    "point_on_line": 2, "point_on_plane": 1, "distance": 1,
-}  # fmt: skip
+CONFIGS = Path(__file__).parents[2] / "configs"
+REACH = 12000  # points of the dense oracle
 
 
-def element(kind: str, rng: np.random.Generator) -> Any:
-    """Return a closure with random axes, attitude and length."""
-    cls = loop_types[kind]
-    found = {"name": "loop", "type": kind, "between": ("", ""), "length": 0.7}
-    found |= {name: tuple(rng.normal(size=3)) for name in ("axis", "axis2", "rpy")}
-    return cls(**{field.name: found[field.name] for field in dataclasses.fields(cls)})
-
-
-def closed(kind: str, seed: int) -> tuple[Model, Loop]:
-    """Return a random tree and a loop between two frames of it, one of them the base's now and then."""
-    rng = np.random.default_rng(seed)
-    model = random_tree(6, seed, branching=0.4)
-    first, second = rng.choice(6, 2, replace=False)
-    if seed % 3 == 0:
-        second = BASE
-
-    def frame(body: int) -> FixedFrame:
-        return FixedFrame(
-            int(body), vector(rng.normal(size=3).tolist()), matrix(random_rotation(rng).tolist())
+def arm(seed: int, law: str, more: str = "", joints: int = 3) -> str:
+    """Return a random arm in space with springs and dampers, a motor at each joint."""
+    random = np.random.default_rng(seed)
+    names, pose = "abcde"[:joints], random.uniform(-0.5, 0.5, joints).tolist()
+    lines = ["schema: 1", "gravity: [0.3, -0.4, -9.7]", "robot:", "  joints:"]
+    for k, name in enumerate(names):
+        axis, xyz = random.normal(size=3).tolist(), random.uniform(-0.4, 0.4, 3).tolist()
+        kind = "prismatic" if k == 1 and seed % 2 else "revolute"
+        lines.append(
+            f"    - {{name: {name}, type: {kind}, axis: {axis}, origin: {{xyz: {xyz}}}, "
+            f"damper: {{damping: {random.uniform(0.05, 1.0)}}}, spring: {{stiffness: {random.uniform(0, 20)}, rest: {pose[k]}}}}}"
         )
-
-    loop = Loop("loop", element(kind, rng), frame(first), frame(second))
-    return dataclasses.replace(model, loops=(loop,)), loop
-
-
-def numbers(model: Model, loop: Loop, q: Any, v: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return eta (m,), Psi (m, nv) and gamma (m,) at a state."""
-    rows = LoopRows(model, transforms(model, q), q, v, model.gravity).of(loop)
-    return real([r.eta for r in rows]), real([list(r.psi) for r in rows]), real([r.gamma for r in rows])
-
-
-def test_every_kind_is_here() -> None:
-    assert set(ROWS) == set(loop_types)
+    lines.append("  links:")
+    for name in names:
+        xx, yy, zz = random.uniform(0.05, 0.1, 3)
+        lines.append(
+            f"    - {{name: L{name}, mass: {random.uniform(0.5, 3)}, com: {random.uniform(-0.2, 0.2, 3).tolist()}, "
+            f"inertia: {{xx: {xx}, yy: {yy}, zz: {zz}, xy: 0.01, xz: -0.005, yz: 0.004}}}}"
+        )
+    q = ", ".join(f"{name}: {x}" for name, x in zip(names, pose))
+    lines += [f"initial: {{q: {{{q}}}}}", f"control: {law}", "simulate: {duration: 0.4, samples: 41}", more]
+    return "\n".join(lines)
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("kind", ROWS)
-def test_rows_by_differences(kind: str, seed: int) -> None:
-    """Along q + v t + a t^2 / 2: d eta/dt = Psi v and d(Psi v)/dt = Psi a + gamma."""
-    model, loop = closed(kind, seed)
-    s = State.random(model, seed)
-    eta, psi, gamma = numbers(model, loop, s.q, s.qd)
-    assert len(eta) == ROWS[kind]
-    size = 1.0 + float(np.abs(s.qd).sum())
-    h = 0.03 / max(size, float(np.sqrt(np.abs(s.qdd).sum())))
-
-    def position(t: float) -> np.ndarray:
-        return numbers(model, loop, s.q + t * s.qd + t * t / 2 * s.qdd, s.qd)[0]
-
-    def rate(t: float) -> np.ndarray:
-        v = s.qd + t * s.qdd
-        return numbers(model, loop, s.q + t * s.qd + t * t / 2 * s.qdd, v)[1] @ v
-
-    assert_close(psi @ s.qd, first_derivative(position, h), 1e-10, 10 * size)
-    assert_close(psi @ s.qdd + gamma, first_derivative(rate, h), 1e-10, 10 * size**2)
-    for k in range(model.nv):
-        unit = np.eye(model.nv)[k]
-        slope = first_derivative(lambda t, u=unit: numbers(model, loop, s.q + t * u, s.qd)[0], 0.02)
-        assert_close(psi[:, k], slope, 1e-11, 10.0)
+LAWS = {
+    "pd": "{type: pd, gains: {kp: 90, kd: 9}}",
+    "pid": "{type: pid, gains: {kp: 90, kd: 9, ki: 40}}",
+    "gravity, late": "{type: gravity, period: 0.01, delay: 0.013, gains: {kp: 60, kd: 6}}",
+    "computed torque by differences": "{type: computed_torque, period: 0.01, gains: {kp: 100, kd: 20}, "
+    "sensors: {rates: differences}}",
+    "lqr, late": "{type: lqr, period: 0.02, delay: 0.02, gains: {q: 300, qd: 1, tau: 0.1}}",
+    "feed forward": "{type: feed_forward, gains: {kp: 60, kd: 6}}",
+    "pid by differences, late": "{type: pid, period: 0.01, delay: 0.004, gains: {kp: 60, kd: 6, ki: 30}, "
+    "sensors: {rates: differences}}",
+    "formulas": "{type: formulas, law: {a: -80*(q.a-ref.a)-8*qd.a-s.w, b: -70*(q.b-ref.b)-7*qd.b, "
+    "c: -60*(q.c-ref.c)-6*qd.c}, state: {w: {rate: 'sin(q.a-ref.a) - 2*s.w'}}}",
+}
+STEP = 1e-5
 
 
-@pytest.mark.parametrize("kind", ROWS)
-def test_rows_by_the_graph(kind: str) -> None:
-    model, loop = closed(kind, 11)
-    s = State.random(model)
-    q, v, *_ = symbols(model)
-    rows = LoopRows(model, transforms(model, q), q, v, model.gravity).of(loop)
-    slopes = jacobian([r.eta for r in rows], q)
-    for row, slope in zip(rows, slopes):
-        exact = [slope.get(k, 0.0) for k in range(model.nv)]
-        rate = sum((x * y for x, y in zip(row.psi, v)), 0.0)
-        gamma = directional([rate], q, v)[0]
-        outputs = [*row.psi, *exact, row.gamma, gamma]
-        found = real(evaluate(outputs, s.inputs))
-        assert_close(found[: model.nv], found[model.nv : -2], 1e-13, 10.0)
-        assert_close(found[-2], found[-1], 1e-12, 10.0 * (1.0 + float(np.abs(s.qd).sum())) ** 2)
+@pytest.mark.parametrize("law", LAWS)
+def test_the_loop_is_what_neighbouring_motions_do(law: str) -> None:
+    """Two runs from states apart by a step: their difference is that of the closed loop's linear motion."""
+    text = arm(5, LAWS[law])
+    result = linearise(load_scene_text(text))
+    loop, period = (
+        result["loop/A"] - result["loop/B"] @ result["loop/C"],
+        result.summary["closed_loop"].get("period"),
+    )
+    start = np.random.default_rng(1).normal(size=6)
+    q = load_scene_text(text).initial.q
+    # nothing pulls it away from a pose that the law does not hold against gravity, or before the first torque comes
+    falls = "held_back" in result.summary["closed_loop"] or "late" in law
+    level = ["gravity=[0, 0, 0]"] if falls else []
+    result = linearise(load_scene_text(text, overrides=level))
+    loop = result["loop/A"] - result["loop/B"] @ result["loop/C"]
+    assert "held_back" not in result.summary["closed_loop"]
+    runs = []
+    for sign in (1.0, -1.0):
+        at = {name: x + sign * STEP * dx for (name, x), dx in zip(q.items(), start)}
+        rates = {name: sign * STEP * dv for name, dv in zip(q, start[3:])}
+        # what is held stays the pose itself
+        points = f"[{{t: 0, q: {json.dumps(q)}}}, {{t: 9, q: {json.dumps(q)}}}]"
+        of = (
+            [f"trajectory={{type: cubic, points: {points}}}"]
+            if "lqr" not in law
+            else [f"control.pose={json.dumps(q)}"]
+        )
+        scene = load_scene_text(
+            text, overrides=[*level, *of, f"initial.q={json.dumps(at)}", f"initial.qd={json.dumps(rates)}"]
+        )
+        runs.append(simulate(scene))
+    found = (np.concatenate([r["q"] for r in [runs[0]]] + [runs[0]["qd"]], axis=1)
+             - np.concatenate([runs[1]["q"], runs[1]["qd"]], axis=1)) / (2.0 * STEP)  # fmt: skip
+    x = np.zeros(len(loop))
+    x[:6] = start
+    names = result.variables["loop/A"].names
+    for k, name in enumerate(names):
+        if name.startswith("last."):  # the first measurement is taken for the one before
+            x[k] = start["abc".index(name[5:])]
+    wanted = []
+    if period is None:
+        from scipy.linalg import expm
+
+        wanted = [(expm(t * loop) @ x)[:6] for t in runs[0].time]
+        at_samples = found
+    else:
+        skip = round(period / 0.01)
+        at_samples = found[::skip]
+        for _ in range(len(at_samples)):
+            wanted.append(x[:6].copy())
+            x = loop @ x
+    size = np.abs(wanted).max()
+    np.testing.assert_allclose(at_samples, np.array(wanted), atol=2e-6 * size)
 
 
-@pytest.mark.parametrize(
-    ("kind", "left"),
-    [("revolute", 2), ("spherical", 2), ("fixed", 3), ("planar", 2), ("point_on_line", 1), ("distance", 1)],
-)
-def test_rows_that_vanish_in_the_plane(kind: str, left: int) -> None:
-    """Two planar chains: what a closure says about the direction across the plane is left out."""
-    model = random_tree(4, 3, branching=0.0, kinds=("revolute",))
-    flat = [
-        dataclasses.replace(b.X_tree, E=matrix(np.eye(3).tolist()), r=vector([0.5, 0, 0]))
-        for b in model.bodies
+def dense(loop: StateSpace) -> tuple[float, float, float, float]:
+    """Return the margins of a loop by brackets on a dense grid: gain up and down, phase, largest sensitivity there."""
+    top = loop.last_frequency if loop.period else 1e5
+    w = np.geomspace(1e-5, top, REACH)
+    w = w[w < top * (1.0 - 1e-9)]
+    y = loop.at(w)[:, 0, 0]
+
+    def at(x: float) -> complex:
+        return complex(loop.at(np.array([x]))[0, 0, 0])
+
+    def root(f, k: int) -> float:
+        return brentq(f, w[k], w[k + 1], xtol=1e-300, rtol=1e-15)
+
+    gains = [at(root(lambda x: at(x).imag, k)) for k in np.flatnonzero(y.imag[1:] * y.imag[:-1] < 0.0)]
+    gains += [at(x) for x in ([0.0, top] if loop.period else [0.0])]
+    real = [
+        -1.0 / g.real for g in gains if g.real < 0.0 and abs(g.imag) < 1e-7 * abs(g) and 1e-11 < abs(g) < 1e11
     ]
-    bodies = tuple(
-        dataclasses.replace(b, X_tree=X, parent=p) for b, X, p in zip(model.bodies, flat, (BASE, 0, BASE, 2))
-    )
-    cls = loop_types[kind]
-    given: dict[str, Any] = {"name": "loop", "type": kind, "between": ("", "")}
-    given |= (
-        {"length": 0.4} if kind == "distance" else {"axis": (0, 1.0, 0)} if kind == "point_on_line" else {}
-    )
-    ends = [FixedFrame(k, vector([0.5, 0, 0]), matrix(np.eye(3).tolist())) for k in (1, 3)]
-    loop = Loop("loop", cls(**given), *ends)
-    model = dataclasses.replace(model, bodies=bodies, gravity=vector([0, -9.81, 0]), loops=(loop,))
-    q, v, *_ = symbols(model)
-    rows = LoopRows(model, transforms(model, q), q, v, model.gravity).of(loop)
-    assert sum(not vanishes(r) for r in rows) == (left if kind != "planar" else 0)
+    a = np.log(np.abs(y))
+    turns = [
+        cmath.phase(-at(root(lambda x: math.log(abs(at(x))), k)))
+        for k in np.flatnonzero(a[1:] * a[:-1] < 0.0)
+    ]
+    return (
+        min((g for g in real if g >= 1.0), default=math.inf), max((g for g in real if g < 1.0), default=0.0),
+        min(turns, key=abs, default=math.inf), float((1.0 / np.abs(1.0 + y)).max()),
+    )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ("type: universal, axis: [1, 0, 0]", "axis2"),
-        ("type: distance", "length"),
-        ("type: distance, length: 0", "length"),
-        ("type: spherical, axis: [1, 0, 0]", "axis"),
-        ("type: planar, axis: [0, 0, 0]", "must not be zero"),
-        ("type: ball", "spherical"),
-    ],
-)
-def test_keys_of_closures(keys: str, message: str) -> None:
-    text = f"""
-schema: 1
-gravity: [0, 0, 0]
-robot:
-  joints: [{{name: slide, type: prismatic, axis: [1, 0, 0]}}]
-  links: [{{name: block, mass: 1, com: [0, 0, 0]}}]
-loops: [{{name: hold, between: [base.origin, block.origin], {keys}}}]
-"""
-    with pytest.raises(SceneError, match=message):
-        load_scene_text(text)
+@pytest.mark.parametrize("seed", range(5))
+def test_margins_of_random_arms_are_those_of_dense_brackets_and_of_python_control(seed: int) -> None:
+    law = list(LAWS.values())[seed + 1 if seed < 4 else 1]
+    result = linearise(load_scene_text(arm(seed, law)))
+    assert result.summary["closed_loop"]["stability"] == "stable"
+    whole = StateSpace(*(result[f"loop/{x}"] for x in "ABCD"), result.summary["closed_loop"].get("period"))
+    for k, (_, own) in enumerate(result.summary["loop"].items()):
+        opened = whole.closed(but=k)
+        up, down, turn, peak = dense(opened)
+        for key, wanted in (("gain_margin", up), ("gain_reduction", down), ("phase_margin", turn)):
+            found = math.inf if own[key] is None else own[key]
+            assert found == wanted or abs(found - wanted) < 1e-9 * max(1.0, abs(wanted)), key
+            assert own["errors"][key] < 1e-8 * max(1.0, abs(wanted)) or math.isinf(wanted)
+        assert peak <= own["sensitivity_peak"] * (1 + 1e-12) and own["sensitivity_peak"] <= peak * (1 + 1e-4)
+        if whole.period is None:  # polynomials of sampled loops lose too many digits
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                of = control.ss(opened.A, opened.B, opened.C, opened.D)
+                gain, phase, _, _, w, _ = control.stability_margins(of, returnall=True)
+            least = min(phase, key=abs, default=math.inf)
+            if math.isfinite(least):
+                assert abs(math.radians(least) - own["phase_margin"]) < 1e-9
+                assert (
+                    abs(w[list(phase).index(least)] - own["phase_frequency"]) < 1e-8 * own["phase_frequency"]
+                )
+            true = [g for g in gain if 1.0 <= g < 1e11]
+            if true:
+                assert abs(min(true) - own["gain_margin"]) < 1e-8 * own["gain_margin"]
+
+
+def single(A, B, C, period: float | None = None) -> StabilityMargins:
+    A, B, C = (np.array(x, dtype=float) for x in (A, B, C))
+    return margins(StateSpace(A, B, C, np.zeros((1, 1)), period), [])
+
+
+def test_margins_in_closed_form() -> None:
+    # k / (s (s + 1)^2): crosses the axis at w = 1, where it is -k / 2
+    third = ([[0, 1, 0], [0, -1, 1], [0, 0, -1]], [[0], [0], [1]], [[0.5, 0, 0]])
+    of = single(*third)
+    assert (
+        abs(of.gain.value - 4.0) < 1e-12
+        and abs(of.gain.frequency - 1.0) < 1e-12
+        and of.reduction.value == 0.0
+    )
+    # first order k / (s + 1): no gain makes it unstable
+    first = single([[-1]], [[1]], [[3]])
+    assert math.isinf(first.gain.value) and abs(first.phase.frequency - math.sqrt(8)) < 1e-12
+    assert abs(first.phase.value - (math.pi - math.atan(math.sqrt(8)))) < 1e-12
+    assert abs(first.delay.value - first.phase.value / math.sqrt(8)) < 1e-12
+    assert first.sensitivity.value == 1.0 and math.isinf(first.sensitivity.frequency)
+    # less than 1 everywhere: neither phase nor delay; nothing at all
+    low = single([[-1]], [[1]], [[0.5]])
+    assert math.isinf(low.phase.value) and math.isinf(low.delay.value) and math.isinf(low.gain.value)
+    none = single([[-1]], [[1]], [[0]])
+    assert math.isinf(none.gain.value) and none.reduction.value == 0.0 and none.sensitivity.value == 1.0
+    # unstable plant k / (s - 1), k = 3: the gain may fall to a third, which is met at w = 0
+    falls = single([[1]], [[1]], [[3]])
+    assert abs(falls.reduction.value - 1.0 / 3.0) < 1e-15 and falls.reduction.frequency == 0.0
+    # non-minimum phase k (1 - s) / (s + 1)^2 with k = 0.5: -k / 2 ... at w = sqrt(3)
+    of = single([[0, 1], [-1, -2]], [[0], [1]], [[0.5, -0.5]])
+    assert abs(of.gain.frequency - math.sqrt(3)) < 1e-12 and abs(of.gain.value - 4.0) < 1e-12
+    # three crossings: conditionally stable, margins on both sides
+    k, A = 40.0, np.zeros((4, 4))
+    A[0, 1] = A[1, 2] = 1.0
+    A[2, 3], A[3, 3] = 1.0, -20.0
+    up = single(A, [[0], [0], [0], [1]], [[k * 4, k * 4, k, 0]])
+    assert up.gain.value > 1.0 > up.reduction.value > 0.0
+    # a sampled integrator k T / (z - 1): unstable from k T = 2, at pi / T
+    of = single([[1.0]], [[0.1]], [[4.0]], 0.1)
+    assert abs(of.gain.value - 5.0) < 1e-12 and abs(of.gain.frequency - math.pi / 0.1) < 1e-9
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.013, 0.047])
+def test_a_sampled_plant_is_that_of_scipy_late_by_any_delay(delay: float) -> None:
+    """Against scipy's hold at a period that divides delay and period."""
+    random, period, fine = np.random.default_rng(2), 0.02, 0.001
+    A, B = random.normal(size=(4, 4)), random.normal(size=(4, 2))
+    whole, rest = divmod(round(delay / fine), 20)
+    full, given = sampled(A, B, period, whole, rest * fine)
+    F, G, *_ = cont2discrete((A, B, np.eye(4), np.zeros((4, 2))), fine)
+    inputs = random.normal(size=(12, 2))
+    x, state = np.zeros(4), np.zeros(len(full))
+    for k, u in enumerate(inputs):
+        np.testing.assert_allclose(state[:4], x, atol=1e-12)
+        state = full @ state + given @ u
+        for j in range(20):
+            due = (k * 20 + j - round(delay / fine)) // 20
+            x = F @ x + G @ (inputs[due] if due >= 0 else np.zeros(2))
+
+
+def test_objects_of_python_control_and_scipy_from_exported_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = linearise(load_scene(CONFIGS / "controlled_arm.yaml"), outputs=["theta2", "power"])
+    export(result, "mat", tmp_path)
+    export(result, "json", tmp_path)
+    m = loadmat(tmp_path / "result.mat", simplify_cells=True)["data"]["discrete"]
+    system = control.ss(m["A"], m["B"], m["C"], m["D"], m["period"])
+    assert system.dt == 0.002 and m["delay"] == 0.001 and system.ninputs == 2 and system.noutputs == 2
+    j = json.loads((tmp_path / "result.json").read_text())["variables"]
+    plant = control.ss(*(np.array(j[f"linear/{x}"]["data"]) for x in "ABCD"))
+    F, G, _, _, _ = cont2discrete((plant.A, plant.B, plant.C, plant.D), 0.001)
+    # the torque of the sample before acts for half of the period, then the new one
+    np.testing.assert_allclose(system.A[:4, :4], F @ F, atol=1e-12)
+    np.testing.assert_allclose(system.A[:4, 4:], F @ G, atol=1e-12)
+    np.testing.assert_allclose(system.B[:4], G, atol=1e-12)
+    assert float(np.array(j["discrete/period"]["data"])) == 0.002
+    page = (CONFIGS.parent / "docs" / "cli.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"<!-- file: result\.\w+ -->\n```python\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 2 and all(len(block.strip().split("\n")) == 2 for block in blocks)
+    monkeypatch.chdir(tmp_path)
+    known: dict = {"scipy": scipy, "control": control, "json": json, "numpy": np}
+    for block in blocks:
+        exec(block, known)
+    assert known["plant"].dt == 0.002 and known["loop"].dt == 0.002 and known["loop"].A.shape == (8, 8)
+
+
+def test_a_loop_that_is_not_stable_has_no_margin_and_infinite_ones_are_larger_than_any() -> None:
+    scene = load_scene_text(arm(5, "{type: pd, period: 0.3, gains: {kp: 9000, kd: 9}}"))
+    own = linearise(scene).summary
+    assert own["closed_loop"]["stability"] == "unstable" and own["closed_loop"]["sensitivity_peak"] is None
+    assert all(x["gain_margin"] == 1.0 and x["phase_margin"] == 0.0 for x in own["loop"].values())
+    first = {
+        "loop.a.gain_margin": parse_expectation("> 2"),
+        "loop.a.phase_margin": parse_expectation("> 0.1"),
+    }
+    assert not any(one.holds for one in judge(first, own))
+    calm = linearise(load_scene_text(arm(5, LAWS["pd"]))).summary
+    assert calm["loop"]["a"]["gain_margin"] is None  # without a delay nothing turns it so far
+    assert all(one.holds for one in judge(first, calm))
+    assert not judge({"loop.a.gain_margin": parse_expectation("1 .. 9")}, calm)[0].holds
+
+
+def test_where_the_loop_is_taken() -> None:
+    """The end of the reference, the pose of the regulator, the start, and a balance of joints that nothing drives."""
+    scene = load_scene(CONFIGS / "controlled_arm.yaml")
+    end = linearise(scene).summary
+    assert end["about"] == "controller" and "reference" in end["closed_loop"]["about"]
+    np.testing.assert_allclose(list(end["configuration"].values()), np.radians([40.0, -30.0]), atol=1e-12)
+    start = linearise(scene, about="state").summary
+    np.testing.assert_allclose(list(start["configuration"].values()), np.radians([-90.0, 0.0]), atol=1e-12)
+    pose = linearise(load_scene(CONFIGS / "cart_pole_lqr.yaml")).summary
+    assert pose["configuration"] == {"cart": 0.0, "pole": 0.0} and "held_back" not in pose["closed_loop"]
+    crane = linearise(load_scene(CONFIGS / "mechanisms" / "crane.yaml")).summary
+    assert abs(crane["configuration"]["rope"]) < 1e-9 and crane["closed_loop"]["stability"] == "stable"
+    with pytest.raises(SceneError, match="the scene has none"):
+        linearise(load_scene(CONFIGS / "double_pendulum.yaml"), about="controller")
+    with pytest.raises(SceneError, match="--delay goes with --period"):
+        linearise(load_scene(CONFIGS / "double_pendulum.yaml"), delay=0.1)
+    plain = linearise(load_scene(CONFIGS / "double_pendulum.yaml"), period=0.1, delay=0.05)
+    assert plain["discrete/A"].shape == (6, 6) and "loop" not in plain.summary
+
+
+def test_the_whole_loop_of_several_inputs() -> None:
+    result = linearise(load_scene_text(arm(5, LAWS["gravity, late"])))
+    w, S = result["loop/frequency"], result["loop/sensitivity"]
+    whole = StateSpace(*(result[f"loop/{x}"] for x in "ABCD"), 0.01)
+    L = whole.at(w)
+    np.testing.assert_allclose(S, np.linalg.svd(np.linalg.inv(np.eye(3) + L), compute_uv=False), rtol=1e-8)
+    np.testing.assert_allclose(result["loop/singular_values"], np.linalg.svd(L, compute_uv=False), rtol=1e-9)
+    peak = result.summary["closed_loop"]["sensitivity_peak"]
+    assert S.max() <= peak * (1 + 1e-12) < S.max() * 1.01

@@ -14,7 +14,7 @@ from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import error_text, holding_lines, number, table
 from robodyn_cli.errors import SceneError
 
-BALANCE = "balance"
+BALANCE, START = "balance", "start"
 MOVING = 1e-3  # amplitude of a coordinate below which a mode's line leaves it out
 MOST = 4  # coordinates of a mode that are listed
 WIDE = 200  # the table of modes is not divided
@@ -23,6 +23,7 @@ ABOUT = {
     "balance": "about a balance",
     "hold": "about the pose, held by constant torques",
     "motion": "along the motion",
+    "controller": "about the pose that the controller is to keep",
 }
 
 
@@ -41,7 +42,8 @@ def command(
             "--at",
             metavar="q.NAME=...|balance",
             parser=utf8,
-            help="State, as `info` takes it: `theta1=60 deg`, or `balance`.",
+            help="State, as `info` takes it: `theta1=60 deg`, or `balance`, `start`. "
+            "[default: the pose that the controller is to keep, else the start]",
         ),
     ] = None,
     hold: Annotated[
@@ -71,12 +73,32 @@ def command(
             help="With --along: times [s] at which modes and frequency response are wanted.",
         ),
     ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            "--period",
+            metavar="T",
+            parser=quantity("s"),
+            help="Of the model under a hold [s]: `2 ms`. [default: that of the controller]",
+            show_default=False,
+        ),
+    ] = None,
+    delay: Annotated[
+        float | None,
+        typer.Option(
+            "--delay",
+            metavar="T",
+            parser=quantity("s"),
+            help="Until an input of that model acts [s]. [default: that of the controller]",
+            show_default=False,
+        ),
+    ] = None,
     *,
     shared: SharedOptions,
     strict: Strict = False,
 ) -> int:
     """Linearise a scene; return the exit code."""
-    state = [text for text in at or () if text != BALANCE]
+    state = [text for text in at or () if text not in (BALANCE, START)]
     about = _about(at or (), state, hold, along)
     of = {"inputs": _names(inputs), "outputs": _names(outputs)}
     times = _times(_names(instants))
@@ -84,7 +106,9 @@ def command(
         raise SceneError("--instants are those of a motion; allowed: with --along")
     if about != "motion":
         shared = dataclasses.replace(shared, overrides=_changes(scene, shared.overrides or (), state))
-    job = shared.job("linearise", scene, strict, options={"about": times or about, **of})
+    job = shared.job(
+        "linearise", scene, strict, options={"about": times or about, "period": period, "delay": delay, **of}
+    )
     try:
         return run_scene(job, shared.console, describe)
     except SceneError as error:
@@ -93,8 +117,8 @@ def command(
         raise of_state(error, state) from None
 
 
-def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> str:
-    """Return what is linearised about.
+def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> str | None:
+    """Return what is linearised about; None where nothing says it.
 
     Raises
     ------
@@ -102,20 +126,26 @@ def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> 
     """
     if words := [text for text in state if "=" not in text]:
         raise SceneError(
-            f"--at {words[0]!r}: is no state; allowed: {BALANCE}, or a state such as 'theta1=60 deg', with --hold "
-            "where constant torques hold it"
+            f"--at {words[0]!r}: is no state; allowed: {BALANCE}, {START}, or a state such as 'theta1=60 deg', with "
+            "--hold where constant torques hold it"
         )
-    balance = len(state) < len(at)
+    balance, start = BALANCE in at, START in at
     if "hold" in state:
         raise SceneError(
             f"--at 'hold' is no state; allowed: --hold, states as q=[0.1, 0.2], or --at {BALANCE}"
         )
     chosen = [
-        name for name, given in (("--at balance", balance), ("--hold", hold), ("--along", along)) if given
-    ]
-    if len(chosen) > 1 or (state and (balance or along)):
+        name
+        for name, given in (
+            ("--at balance", balance), ("--at start", start and not hold), ("--hold", hold), ("--along", along)
+        )
+        if given
+    ]  # fmt: skip
+    if len(chosen) > 1 or (state and (balance or along or start)):
         listed = " and ".join([*(["--at STATE"] if state else []), *chosen])
         raise SceneError(f"{listed} exclude each other; allowed: one of them, or --at STATE with --hold")
+    if not chosen and not state:
+        return None
     return BALANCE if balance else "hold" if hold else "motion" if along else "state"
 
 
@@ -171,7 +201,16 @@ def describe(summary: Mapping[str, Any]) -> str:
         for instant in summary.get("instants", ()):
             lines += _modes(instant, f" at {number(instant['time'])} s")
         return "\n".join(lines)
-    return "\n".join([*lines, *_modes(summary)])
+    return "\n".join([*lines, *_modes(summary), *_loop(summary)])
+
+
+def _loop(summary: Mapping[str, Any]) -> list[str]:
+    """Return the lines of the loop of a controller, where there is one."""
+    if "closed_loop" not in summary:
+        return []
+    from robodyn_cli.cli.loop_words import loop_lines
+
+    return loop_lines(summary)
 
 
 def _modes(of: Mapping[str, Any], when: str = "") -> list[str]:

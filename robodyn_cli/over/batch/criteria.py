@@ -6,9 +6,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import INTERNAL, OF_STATUS, SceneError, did_you_mean
 from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.summaries.checks import JudgedCriterion
+from robodyn_cli.summaries.keys import leaf_of
 
 EXIT_CODE = "exit_code"  # the key of the exit code, which every run has
 _ABSENT: Any = object()
@@ -49,12 +51,22 @@ def judge(
             raise SceneError(
                 f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}"
             )
+        if value is None and _is_infinite(summary, key):
+            outcomes.append(JudgedCriterion(key, expected.text, None, expected.holds(math.inf), "infinite"))
+            continue
         holds, shown = expected.holds(value), expected.shown(value)
         is_exact = expected.low == expected.high
         if not holds and is_exact and isinstance(value, float) and math.isclose(value, expected.low):
             shown += f", off by rounding: {expected.text!r} has no tolerance, '{expected.text} +- 1e-6 %' has"
         outcomes.append(JudgedCriterion(key, expected.text, value, holds, shown))
     return outcomes
+
+
+def _is_infinite(summary: Mapping[str, Any], key: str) -> bool:
+    """Tell whether null under a key stands for a number that is infinite."""
+    command = summary.get("command")
+    leaf = leaf_of(command, key) if command in COMMANDS else None
+    return leaf is not None and leaf.fact.infinite
 
 
 def lookup(facts: Mapping[str, Any], key: str) -> Any:

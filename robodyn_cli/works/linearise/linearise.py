@@ -6,24 +6,25 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robodyn_cli.control.lqr import reached
-from robodyn_cli.equations.linear.poles import pole_errors, poles_of, without_rounding
+from robodyn_cli.equations.linear.poles import pole_errors, without_rounding
 from robodyn_cli.equations.linear.reduce import Linear, linearise_states
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.units import JointColumns, add_motion
-from robodyn_cli.record import record
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
-from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSignal, LinearSummary, Mode
+from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSummary, Mode
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.works.linearise.nominal import (
@@ -34,17 +35,15 @@ from robodyn_cli.works.linearise.nominal import (
     nominal,
     state_signals,
 )
+from robodyn_cli.works.linearise.sampled import ModelOptions, add_closed_loop, add_sampled, sampling_of
+from robodyn_cli.works.linearise.systems import Systems, add_matrices, add_responses
+from robodyn_cli.works.loops.loop import ControlLoop
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PARALLEL = 1e-6  # so little may the motions of a mode at 0 differ: its position and its rate have a pole each
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is not reached or shown at all
-POINTS = 400  # of a frequency response
-BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
-
-
-def poles_along(linear: Linear) -> tuple[Array, Array]:
-    """Return the poles (T, 2n) of linear systems, from left to right, and their errors (T, 2n) [1/s]."""
-    found = [poles_of(*each) for each in zip(linear.A, linear.rounding)]
-    return np.array([poles for poles, _ in found]), np.array([errors for _, errors in found])
 
 
 def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:
@@ -101,83 +100,8 @@ def stability_of(modes: Sequence[Mode]) -> str:
     return "stable" if all(m.real < 0.0 for m in modes) else "marginal"
 
 
-def frequencies_for(modes: Sequence[Mode]) -> Array:
-    """Return angular frequencies (F,) [rad/s] that show what the modes do."""
-    sizes = [math.tau * m.frequency for m in modes if m.frequency > 0.0] or [1.0]
-    return np.geomspace(min(sizes) / BEYOND, max(sizes) * BEYOND, POINTS)
-
-
-def response(A: Array, B: Array, C: Array, D: Array, frequencies: Array) -> Array:
-    """Return C (j w E - A)^-1 B + D (F, outputs, inputs) at angular frequencies (F,) [rad/s]."""
-    left = 1j * frequencies[:, None, None] * np.eye(len(A)) - A
-    responses: Array = C @ np.linalg.solve(left, np.broadcast_to(B, (len(frequencies), *B.shape))) + D
-    return responses
-
-
 SWING = 0.25  # rad, or a part of the size of the mechanism: how far a drawn mode goes
 CLOSING = 12  # steps that close the loops of a drawn mode
-
-OF_ROW = "of the row"  # unit of an entry of a matrix, before that of its column
-
-
-@record
-class Systems:
-    """x-dot = A x + B u, y = C x + D u at T states: C (T, outputs, 2n), D (T, outputs, inputs), and what y is."""
-
-    given: Nominal
-    linear: Linear
-    C: Array
-    D: Array
-    outputs: list[LinearSignal]
-
-    @property
-    def along(self) -> bool:
-        """Whether the states are those of a motion."""
-        return self.given.about == "motion"
-
-
-def add_matrices(result: Result, systems: Systems) -> None:
-    """Store A to D and the poles, of one state or along a motion."""
-    given, linear, along = systems.given, systems.linear, systems.along
-    model = given.problem.model
-    states, inputs = state_signals(model, given.places), input_signals(model, given.inputs)
-    for name, matrix, rows, columns, signals in (
-        ("A", linear.A, "state", "state", states), ("B", linear.B, "state", "input", inputs),
-        ("C", systems.C, "output", "state", states), ("D", systems.D, "output", "input", inputs),
-    ):  # fmt: skip
-        if not signals:
-            continue
-        # two axes of a file may not have one name
-        row = "of the row per s" if rows == "state" else OF_ROW
-        across = f"{columns}_column" if rows == columns else columns
-        result.add(
-            f"linear/{name}", matrix if along else matrix[0], names=tuple(s.name for s in signals),
-            units=f"{row}, over that of the column", column_units=tuple(f"{row}, per {s.unit}" for s in signals),
-            dims=(*(("time",) if along else ()), rows, across),
-        )  # fmt: skip
-    poles, errors = poles_along(linear)
-    for name, part in (("real", poles.real), ("imaginary", poles.imag), ("error", errors)):
-        dims = ("time", "pole") if along else ("pole",)
-        result.add(f"linear/poles_{name}", part if along else part[0], dims=dims)
-
-
-def add_responses(result: Result, systems: Systems, samples: Sequence[int], modes: Sequence[Mode]) -> None:
-    """Store the frequency responses at samples, over frequencies that show what ``modes`` do."""
-    given, linear, along = systems.given, systems.linear, systems.along
-    if not given.inputs or not samples:
-        return
-    w = frequencies_for(modes)
-    responses = np.array([response(linear.A[k], linear.B[k], systems.C[k], systems.D[k], w) for k in samples])
-    result.add("linear/frequency", w)
-    if along:
-        result.add("linear/instant", given.states.times[list(samples)])
-    inputs = input_signals(given.problem.model, given.inputs)
-    for name, part in (("real", responses.real), ("imaginary", responses.imag)):
-        result.add(
-            f"linear/response_{name}", part if along else part[0], names=tuple(s.name for s in inputs),
-            units=f"{OF_ROW}, over that of the column", column_units=tuple(f"{OF_ROW}, per {s.unit}" for s in inputs),
-            dims=(*(("instant",) if along else ()), "frequency", "output", "input"),
-        )  # fmt: skip
 
 
 def add_poses(result: Result, given: Nominal, modes: Sequence[Mode]) -> None:
@@ -207,6 +131,7 @@ def _closed(problem: Problem, manifold: Manifold, q: Array) -> Array:
     return q
 
 
+ABOUT = ("state", "balance", "hold", "motion", "controller")
 REST = 1e-8  # an acceleration this small beside that of the freed weights counts as none
 NEAR = 1e-9  # s beyond the ends of a motion that still count as the ends
 
@@ -215,42 +140,43 @@ NEAR = 1e-9  # s beyond the ends of a motion that still count as the ends
 def linearise(
     scene: Scene,
     *,
-    about: str | Sequence[float] = "state",
-    inputs: Sequence[str] = (),
-    outputs: Sequence[str] = (),
+    about: str | Sequence[float] | None = None,
     progress: Progress = no_progress,
     watch: Stopwatch | None = None,
+    **of: Unpack[ModelOptions],
 ) -> Result:
     """Linearise a scene in minimal coordinates, exactly.
 
     Parameters
     ----------
     about : ``state``, the initial one; ``balance``, the one that ``statics`` finds from there; ``hold``, the initial
-        pose at rest with constant torques of the inputs; ``motion``, all samples of the scene's ``simulate`` or
-        ``inverse``; or times of that motion [s], at whose nearest samples modes and frequency responses are wanted too.
+        pose at rest with constant torques of the inputs; ``controller``, the pose that the controller is to keep;
+        ``motion``, all samples of the scene's ``simulate`` or ``inverse``; or times of that motion [s], at whose
+        nearest samples modes and frequency responses are wanted too. By default ``controller`` where there is one,
+        else ``state``.
     inputs : coordinates whose torques are inputs; the actuated ones by default.
     outputs : coordinates, ``qd.NAME``, points and ``outputs.signals``; all coordinates by default.
+    period, delay : of the model that is sampled with a hold [s]; by default those of the controller.
 
     Returns
     -------
-    A Result with ``linear/A`` to ``linear/D``, poles, and for a state or at instants modes and frequency responses.
+    A Result with ``linear/A`` to ``linear/D``, poles, and for a state or at instants modes and frequency responses;
+    with a period ``discrete/A`` to ``discrete/D``; of a scene with a controller ``loop/A`` to ``loop/D``, and margins.
 
     Raises
     ------
     SceneError : an unknown name. CapabilityError : a part without a linear model, or no freedom is left.
     NumericalError, GeometryError : there is no such state.
     """
-    instants = () if isinstance(about, str) else tuple(about)
-    kind = about if isinstance(about, str) else "motion"
-    if kind not in ("state", "balance", "hold", "motion"):
-        raise SceneError(f"about {about!r}; allowed: state, balance, hold, motion, times of the motion [s]")
+    kind, instants = _asked(scene, about)
     watch = watch or Stopwatch()
-    given, measured = prepared(scene, Question(kind, tuple(inputs), tuple(outputs)), watch)
+    given, measured = prepared(scene, Question(kind, *_names(of)), watch)
     samples = _samples_at(given.states.times, instants) if kind == "motion" else [0]
     with watch.stage("linearise"):
         linear = linearise_states(given.equations, given.states, given.inputs, given.places)
         C, D = measured.matrices(given.states, linear, given.inputs)
         modes = [modes_of(linear, k, C[k], given.problem.model.v_names) for k in samples]
+        loop = _loop(scene, given)
     progress(0.0, 0.0)
     result = Result.of("linearise", scene)
     still = given.states
@@ -260,9 +186,47 @@ def linearise(
     add_responses(result, systems, samples, [mode for each in modes for mode in each])
     if not systems.along:
         add_poses(result, given, modes[0])
-    result.summarise(_summary(result, systems, samples, modes), seconds=watch.report())
+    add_sampled(result, systems, sampling_of(scene, of.get("period"), of.get("delay")))
+    with watch.stage("margins"):
+        records = [] if loop is None else [add_closed_loop(result, scene, given, loop)]
+    result.summarise(_summary(result, systems, samples, modes), *records, seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def _names(of: ModelOptions) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    return tuple(of.get("inputs", ())), tuple(of.get("outputs", ()))
+
+
+def _asked(scene: Scene, about: str | Sequence[float] | None) -> tuple[str, tuple[float, ...]]:
+    """Return what is linearised about, and instants of the motion.
+
+    Raises
+    ------
+    SceneError : there is nothing of this name.
+    """
+    about = about_of(scene) if about is None else about
+    instants = () if isinstance(about, str) else tuple(about)
+    kind = about if isinstance(about, str) else "motion"
+    if kind not in ABOUT:
+        raise SceneError(f"about {about!r}; allowed: {', '.join(ABOUT)}, times of the motion [s]")
+    if kind == "controller" and scene.control is None:
+        raise SceneError("about 'controller': the scene has none; allowed: state, balance, hold, motion")
+    return kind, instants
+
+
+def about_of(scene: Scene) -> str:
+    """Return what a scene is linearised about unless something else is asked."""
+    return "state" if scene.control is None else "controller"
+
+
+def _loop(scene: Scene, given: Nominal) -> ControlLoop | None:
+    """Return the loop of the controller; None without one that has a law, and along a motion."""
+    if scene.control is None or given.about == "motion" or scene.control.type == "python":
+        return None
+    from robodyn_cli.works.loops.loop import loop_of
+
+    return loop_of(integrable(scene), given.equations, given.states, given.places)
 
 
 def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nominal, LinearOutputs]:

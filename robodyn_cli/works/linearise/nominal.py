@@ -3,6 +3,7 @@ names."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -13,9 +14,10 @@ from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.linear.reduce import Linear, held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States, by_steps, by_symbols, evaluated
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, SceneError, did_you_mean
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, did_you_mean
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.ready.doors import along, at_rest
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -173,6 +175,11 @@ def _known(option: str, name: str, allowed: Sequence[str]) -> None:
 
 # equations, states, and the forces that belong to the model
 Along = tuple[Problem, States, Callable[[Problem], Vector]]
+WORDS = {
+    "state": "the state at the start",
+    "balance": "a balance from the start",
+    "hold": "the start, held by constant torques",
+}
 HELD = 1e-9  # part of the loads that may be left where inputs hold a pose
 
 
@@ -190,11 +197,13 @@ class Nominal:
     states: States
     inputs: tuple[int, ...]
     places: tuple[int, ...]
+    words: str = "the state"
 
 
 @record
 class Question:
-    """What is asked: about ``state``, ``balance``, ``hold`` or ``motion``; inputs and outputs by name, () for all."""
+    """What is asked: about ``state``, ``balance``, ``hold``, ``motion``, or ``controller``, the pose that it is to
+    keep; inputs and outputs by name, () for all."""
 
     about: str = "state"
     inputs: tuple[str, ...] = ()
@@ -213,8 +222,12 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
     wished = question.inputs
     if scene.control is not None and not wished:
         wished = scene.control.joints or ()
+    words = WORDS.get(question.about, "")
     if question.about == "motion":
         problem, states, force = _along(scene, watch)
+    elif question.about == "controller":
+        problem, states, words = _kept(scene, watch)
+        force = _applied
     else:
         setup = prepare(at_rest(scene), watch, neutral=True)
         problem, states, force = setup.problem, States.one(setup.assembled.q, setup.assembled.v), _applied
@@ -234,7 +247,35 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
     if question.about == "hold":
         states = _held(equations, states, inputs, places)
     torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
-    return Nominal(question.about, problem, equations, torques, states, inputs, places)
+    return Nominal(question.about, problem, equations, torques, states, inputs, places, words)
+
+
+def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
+    """Return the equations, and the pose that the controller is to keep with what holds it there; where its joints
+    cannot, the others go to their balance from there, if they find one."""
+    from robodyn_cli.works.loops.pose import aim_of
+
+    aim = aim_of(integrable(scene, watch))
+    setup = prepare(at_rest(aim.scene), watch, neutral=True)
+    problem, states = setup.problem, States.one(setup.assembled.q, setup.assembled.v)
+    states = dataclasses.replace(states, times=np.array([aim.time]))
+    equations = Residuals(problem, _applied(problem), moving_freely(problem.contact_joints))
+    values = equations.values(states)
+    driven = [problem.model.v_names.index(name) for name in scene.control.joints]
+    held, left = held_by(equations, states, driven, independent(values["Psi"][0], driven))
+    needed = np.abs(values["load"][0]).max(initial=0.0)
+    if np.abs(left).max(initial=0.0) <= HELD * max(needed, 1e-12):
+        return problem, held, aim.words
+    initial = aim.scene.initial
+    hold = tuple(dict.fromkeys([*initial.hold, *scene.control.joints]))
+    staying = dataclasses.replace(aim.scene, initial=dataclasses.replace(initial, hold=hold))
+    try:
+        problem = prepare(at_rest(staying), watch, neutral=True).problem
+        rest = _balance(problem, states)
+    except RobodynError:
+        return setup.problem, held, aim.words
+    words = f"{aim.words}, the joints that are not driven at their balance"
+    return problem, dataclasses.replace(rest, times=states.times), words
 
 
 def _applied(problem: Problem) -> Vector:

@@ -1,0 +1,92 @@
+"""The law of a controller about a pose, as a linear one: without sensors, noise and limits, its delay apart.
+
+    continuous:  s-dot = S x + Z s,  u = -K x - H s
+    sampled:     s(k+1) = S x(k) + Z s(k),  u(k) = -K x(k) - H s(k)
+
+x are the states of the plant in minimal coordinates, s those of the law, and of a sampled one that takes differences
+for rates the positions of the sample before.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.control.base import Sensors
+from robodyn_cli.equations.control.control import NOISE, STATES, Control
+from robodyn_cli.equations.linear.reduce import Linear
+from robodyn_cli.equations.linear.residuals import States, by_steps, by_symbols, evaluated
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class LinearLaw:
+    """K (n, 2f), H (n, s), S (s, 2f), Z (s, s), the names of the states s, and the torques (n,) at the pose itself."""
+
+    K: Array
+    H: Array
+    S: Array
+    Z: Array
+    names: tuple[str, ...]
+    torques: Array
+
+
+class Unlimited(Control):
+    """A controller whose torques have no limits."""
+
+    @cached_property
+    def limits(self) -> list[tuple[float, float] | None]:
+        """No limit for any joint."""
+        return [None] * len(self.joints)
+
+
+def without_bounds(scene: Scene) -> Scene:
+    """Return a scene whose controller sees all as it is, and gives what it asks for."""
+    sensors = Sensors(rates=scene.control.sensors.rates)
+    own = dataclasses.replace(scene.control, sensors=sensors, limit=None, rate_limit=None)
+    return dataclasses.replace(scene, control=own)
+
+
+def linear_law(control: Control, states: States, linear: Linear) -> LinearLaw:
+    """Return the law about a state, in the minimal coordinates of ``linear``; control : see ``without_bounds``."""
+    problem, own = control.problem, len(control.own)
+    kept = [*range(own), *control.last]
+    symbols = [control.z[k] for k in kept]
+    law = control._law
+    after: list[Any] = list(law.states)
+    if control.last:
+        after += list(control.measured.q)
+    outputs: dict[str, Any] = {"u": law.asked}
+    for name, entries in (("u", law.asked), ("s", after)):
+        if entries:
+            outputs |= {f"{name}_q": by_steps(problem, entries), f"{name}_v": by_symbols(entries, problem.v)}
+            outputs[f"{name}_s"] = by_symbols(entries, symbols) if symbols else np.zeros((len(entries), 0))
+    groups = {**states.groups, STATES: _resting(control, states)[None], NOISE: np.zeros((1, 1))}
+    groups["p"] = np.zeros((1, 8 * problem.model.nv + len(problem.model.parameters)))
+    found = {name: x[0] for name, x in evaluated(outputs, groups).items()}
+    step = np.concatenate([linear.dq[0], np.zeros_like(linear.dq[0])], axis=1)
+
+    def by_x(name: str) -> Array:
+        whole: Array = found[f"{name}_q"] @ step + found[f"{name}_v"] @ linear.dv[0]
+        return whole
+
+    K, H = -by_x("u"), -found["u_s"]
+    S = by_x("s") if after else np.zeros((0, K.shape[1]))
+    Z = found["s_s"] if after else np.zeros((0, 0))
+    names = [control.names[k] for k in kept]
+    # the last measurement of joints whose rate the law does not ask for is no state of it
+    used = [k for k in range(len(kept)) if k < own or H[:, k].any() or Z[:own, k].any()]
+    return LinearLaw(K, H[:, used], S[used], Z[np.ix_(used, used)], tuple(names[k] for k in used), found["u"])
+
+
+def _resting(control: Control, states: States) -> Array:
+    """Return the states (nc,) of a controller whose mechanism rests at q: what was measured last is what is there."""
+    z = control.starts
+    if control.last:
+        z[control.last] = states.q[0]
+    return z
