@@ -150,6 +150,8 @@ def linearise(
     input: _Words | None = None,
     output: _Words | None = None,
     instants: _Words | None = None,
+    period: float | str | None = None,
+    delay: float | str | None = None,
     out: _Path | None = None,
     set: _Overrides | None = None,
     no_plots: bool = False,
