@@ -23,7 +23,7 @@ measure.single_thread()
 sys.path.insert(0, str(measure.ROOT))
 
 from robodyn_cli.errors import RobodynError  # noqa: E402
-from robodyn_cli.scene.load import load_description  # noqa: E402
+from robodyn_cli.scene.descriptions import load_description  # noqa: E402
 from tests.urdf_robots import compare  # noqa: E402
 
 BOUND = 1e-10

@@ -14,7 +14,8 @@ import numpy as np
 import yaml
 
 from robodyn_cli import simulate
-from robodyn_cli.scene.load import load_description, load_scene
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import load_scene
 from tests.numeric import first_derivative
 
 HINGE, FREE, BALL = (int(getattr(mujoco.mjtJoint, f"mjJNT_{x}")) for x in ("HINGE", "FREE", "BALL"))

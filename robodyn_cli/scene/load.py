@@ -16,7 +16,7 @@ from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.scene import check_scene
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
-from robodyn_cli.scene.text.includes import Includer, is_xml
+from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.text.nodes import (
     IN_PYTHON,
     Faults,
@@ -27,17 +27,13 @@ from robodyn_cli.scene.text.nodes import (
     TooMany,
     describe_node,
     located,
-    mapping,
-    scalar,
-    sequence,
 )
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
-from robodyn_cli.scene.text.yaml_text import compose, emit, read_text
-from robodyn_cli.scene.types import Robot, Scene
-from robodyn_cli.schema.fields import OrFile, Section
+from robodyn_cli.scene.text.yaml_text import compose, emit
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.schema.fields import Section
 
 if TYPE_CHECKING:
-    from robodyn_cli.scene.dialects import Description
     from robodyn_cli.scene.text.values import Overrides
 
 NO_FILE = "<text>"
@@ -97,53 +93,7 @@ def _examined_text(text: str, path: str, overrides: Sequence[str] = ()) -> Exami
     directory = (os.path.dirname(path) or ".") if of_file else "."
     real = os.path.realpath(path) if of_file else ""
     source = Source(path, directory, real)
-    return _examine(lambda includer: compose(text, source, includer.faults), path, overrides)
-
-
-def load_description(
-    path: str | os.PathLike[str],
-    packages: MappingOf[str, str] | None = None,
-    overrides: Sequence[str] = (),
-) -> tuple[Description, Scene]:
-    """Return the robot of a file in another format, and a checked scene that holds nothing else.
-
-    packages : folders of packages of meshes, by name. overrides : as of ``load_scene``, of the scene.
-
-    Raises
-    ------
-    SceneError : the first thing that is not allowed, with file and line.
-    """
-    name = os.fspath(path)
-    place = Scalar(Source(name, ".", positions=False), 1, 1, "", None)
-    found: list[Description] = []
-
-    def open_root(includer: Includer) -> Node:
-        includer.packages = packages or {}
-        robot = includer.include(OrFile(Section(Robot), robot=True), scalar(place, name), ())
-        found.extend(includer.descriptions)
-        if not found:
-            raise located(
-                place, "", "this is no URDF, SDF or MJCF, whose first character is '<'; allowed: one of them"
-            )
-        gravity = sequence(place, [scalar(place, 0)] * 3)
-        values = {"schema": scalar(place, 1), "gravity": gravity, "robot": robot}
-        return mapping(place, [(scalar(place, key), value) for key, value in values.items()])
-
-    scene = _examine(open_root, name, overrides).checked()
-    return found[0], scene
-
-
-def load_robot(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
-    """Return the scene of a file, or of a robot in another format one with gravity along -z, 9.81 m/s^2.
-
-    Raises
-    ------
-    SceneError : as of ``load_scene`` and ``load_description``.
-    """
-    given = isinstance(path, (Scene, MappingOf)) or "\n" in os.fspath(path)
-    if given or not is_xml(read_text(os.fspath(path), None, "", os.fspath(path))):
-        return load_scene(path, overrides)
-    return load_description(path, overrides=("gravity=[0, 0, -9.81]", *overrides))[1]
+    return examine_root(lambda includer: compose(text, source, includer.faults), path, overrides)
 
 
 def examine(source: GivenScene, overrides: Overrides = ()) -> Examined:
@@ -162,7 +112,7 @@ def examine(source: GivenScene, overrides: Overrides = ()) -> Examined:
         from robodyn_cli.scene.text.values import node_of
 
         root = node_of(source)
-        return _examine(lambda includer: root, IN_PYTHON, texts)
+        return examine_root(lambda includer: root, IN_PYTHON, texts)
     if isinstance(source, str) and "\n" in source:
         return _examined_text(source, NO_FILE, texts)
     if not isinstance(source, (str, os.PathLike)):
@@ -171,7 +121,7 @@ def examine(source: GivenScene, overrides: Overrides = ()) -> Examined:
             "that was loaded"
         )
     name = os.fspath(source)
-    return _examine(lambda includer: includer.open_root(name), name, texts)
+    return examine_root(lambda includer: includer.open_root(name), name, texts)
 
 
 def _texts(overrides: Overrides) -> tuple[str, ...]:
@@ -256,7 +206,7 @@ class Family:
         """
         family = Family.__new__(Family)
         family.overrides = (*self.overrides, *overrides)
-        family._take(self.path, _examine(lambda includer: self.root, self.path, overrides))
+        family._take(self.path, examine_root(lambda includer: self.root, self.path, overrides))
         return family
 
     def scene(self, overrides: Sequence[str]) -> Scene:
@@ -266,10 +216,11 @@ class Family:
         ------
         SceneError : a value is not allowed, or a key does not exist.
         """
-        return _examine(lambda includer: self.root, self.path, overrides).checked()
+        return examine_root(lambda includer: self.root, self.path, overrides).checked()
 
 
-def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequence[str]) -> Examined:
+def examine_root(open_root: Callable[[Includer], Node], path: str, overrides: Sequence[str]) -> Examined:
+    """Return the scene of a tree, which ``open_root`` gives, as ``examine`` does; path : where it lies."""
     faults = Faults()
     includer = Includer(faults)
     scene: Scene | None = None
@@ -285,7 +236,9 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
         path=path,
         text=emit(root),
         sources=sources,
-        notes=_notes(includer) if includer.descriptions or includer.undrawn else (),
+        notes=_notes(includer, scene)
+        if includer.descriptions or includer.undrawn or includer.unnamed
+        else (),
         warnings=tuple(
             dict.fromkeys(
                 (
@@ -298,12 +251,14 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
     return Examined((), scene, root)
 
 
-def _notes(includer: Includer) -> tuple[str, ...]:
-    """Return what there is to say of files in other formats, each once."""
+def _notes(includer: Includer, scene: Scene) -> tuple[str, ...]:
+    """Return what there is to say of files in other formats and of arrays as a motion, each once."""
     notes = [f"{one.file}: {text}" for one in includer.descriptions for text in one.notes]
     undrawn = list(dict.fromkeys(includer.undrawn))
     if undrawn:
         notes.append(f"meshes left out of pictures: {len(undrawn)}; the first: {undrawn[0]}")
+    if includer.unnamed and scene.trajectory is not None:
+        notes.append(f"trajectory: {scene.trajectory.told()}")
     return tuple(dict.fromkeys(notes))
 
 
@@ -333,7 +288,14 @@ def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node
             from robodyn_cli.scene.text.catalogue import with_catalogue
 
             root = with_catalogue(root)
-    return includer.whole(kind, root)
+    root = includer.whole(kind, root)
+    table = root.get("trajectory") if isinstance(root, Mapping) else None
+    if isinstance(table, Mapping) and table.get("rows") is not None and table.get("columns") is None:
+        from robodyn_cli.scene.text.values import with_columns
+
+        includer.unnamed = True
+        root = with_columns(root, formula_names(root).joints)
+    return root
 
 
 def _checked(root: Node, faults: Faults) -> Scene | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +22,7 @@ from robodyn_cli.trajectories.base import (
     position_problems,
     time_problems,
 )
-from robodyn_cli.trajectories.course import Course, hermite_cubic
+from robodyn_cli.trajectories.course import Course, course_through, hermite_cubic
 from robodyn_cli.trajectories.formulas import evaluated, texts
 from robodyn_cli.trajectories.joint_space import (
     CourseTrajectory,
@@ -123,7 +124,9 @@ class FourierTrajectory(JointSpaceTrajectory):
 
 
 # rows that an interpolation needs
-LEAST = {"linear": 2, "monotone": 2, "pieces": 2, "cubic": 4, "quintic": 6}
+LEAST = {"linear": 2, "monotone": 2, "pieces": 2, "hermite": 2, "cubic": 4, "quintic": 6}
+OF_ROWS = ("pieces", "hermite")  # follow from their columns alone: none may take the place of another
+RATE, ACCELERATION = "qd.", "qdd."  # before the name of a joint's column
 UNIT = 1e-3  # tolerance of a quaternion's length 1: three digits
 
 
@@ -145,8 +148,9 @@ class TableTrajectory(CourseTrajectory):
     Between the rows runs the spline of degree k (5, 3 or 1) with not-a-knot ends, which reproduces
     polynomials up to degree k; it needs k + 1 rows. Linear: rates jump at the rows, and accelerations are 0
     between them. Monotone: cubics that do not overshoot, whose accelerations jump at the rows. Pieces: each row has the
-    polynomial from its time t_k to the next row's, q = sum_i c_i (t - t_k)^i, with c_i in the column ``joint^i``. The
-    loader replaces ``file`` by the ``columns`` and ``rows`` that it contains.
+    polynomial from its time t_k to the next row's, q = sum_i c_i (t - t_k)^i, with c_i in the column ``joint^i``.
+    Hermite: the cubics with the rates of the columns ``qd.joint`` at the rows, or the quintics with the accelerations
+    of ``qdd.joint`` too. The loader replaces ``file`` by the ``columns`` and ``rows`` that it contains.
     """
 
     type: str = key(Choice(("table",)), doc="Kind of trajectory.")
@@ -158,16 +162,18 @@ class TableTrajectory(CourseTrajectory):
     columns: tuple[str, ...] = key(
         ListOf(Text(), minimum=2),
         default=(),
-        doc="Column names: `t`, then the joints, or their coordinates as `slide.d`; of pieces `joint^1` and so on too.",
+        doc="Column names: `t`, then the joints, or their coordinates as `slide.d`; of pieces `joint^1` and so on too, "
+        "with rates `qd.joint` and `qdd.joint`. Default: `t` and all joints in their order, then their rates, then "
+        "their accelerations, as many as a row has.",
     )
     rows: tuple[tuple[float, ...], ...] = key(
         ListOf(Vector(0), minimum=2), default=(), unit="s, rad or m", doc="Rows of numbers, times from 0."
     )
     interpolation: str | None = key(
-        Choice(("quintic", "cubic", "monotone", "linear", "pieces")),
+        Choice(("quintic", "cubic", "monotone", "linear", "hermite", "pieces")),
         default=None,
-        doc="Spline between the rows, or the rows' own polynomials; by default `quintic`, and `pieces` where columns "
-        "have powers.",
+        doc="Spline between the rows, or the rows' own polynomials; by default `quintic`, `pieces` where columns "
+        "have powers, and `hermite` where there are rates.",
     )
 
     def problems(self, scene: SceneNames) -> Problems:
@@ -187,7 +193,7 @@ class TableTrajectory(CourseTrajectory):
         yield from self._attitude_problems()
         least = LEAST[self.spline]
         if len(self.rows) < least:
-            fits = " or ".join(name for name, k in LEAST.items() if k <= len(self.rows) and name != "pieces")
+            fits = " or ".join(x for x, k in LEAST.items() if k <= len(self.rows) and x not in OF_ROWS)
             yield (
                 ("rows",),
                 f"has {len(self.rows)} rows; {self.spline} interpolation needs {least}, "
@@ -198,8 +204,9 @@ class TableTrajectory(CourseTrajectory):
         for k, name in enumerate(self.columns):
             if name in self.columns[:k]:
                 yield ("columns", k), f"column {name!r} appears twice"
-            elif k and column_power(name)[0] not in scene.columns:
+            elif k and column_power(self._of(name))[0] not in scene.columns:
                 yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.columns)}"
+        yield from self._rate_problems(scene)
         if self._powers and self.spline != "pieces":
             yield (
                 ("interpolation",),
@@ -212,6 +219,34 @@ class TableTrajectory(CourseTrajectory):
             ]
             needed = whole if scene.some else scene.columns
             yield from joint_problems(self.joints, scene.columns, ("columns",), needed)
+
+    def _rate_problems(self, scene: SceneNames) -> Problems:
+        """Report rates that are missing, that attitudes have, or that another interpolation would pass over."""
+        rates = [name for name in self.columns if self._of(name) != name]
+        if bool(rates) != (self.spline == "hermite"):
+            found = (
+                f"a column of rates ({rates[0]!r}) is of hermite"
+                if rates
+                else "hermite needs rates, as qd.joint"
+            )
+            yield ("interpolation",), f"{found}; allowed: {'hermite' if rates else 'columns of rates'}"
+            return
+        of_attitude = [joint for joint in self.joints if rates and joint.partition(".")[0] in scene.quasi]
+        if of_attitude:
+            yield (
+                ("columns",),
+                f"{of_attitude[0]!r} is of an attitude, whose rates are others; allowed: no rates",
+            )
+        accelerated = any(name.startswith(ACCELERATION) for name in rates)
+        for sign in (RATE, ACCELERATION) if accelerated else (RATE,) if rates else ():
+            for joint in self.joints:
+                if f"{sign}{joint}" not in rates:
+                    yield ("columns",), f"{sign}{joint} is missing; needed: that of every joint, or of none"
+
+    def _of(self, name: str) -> str:
+        """Return the column of a joint's position that a column of its rates belongs to; others as they are."""
+        sign, _, joint = name.partition(".")
+        return joint if f"{sign}." in (RATE, ACCELERATION) and joint in self.columns else name
 
     def _attitude_problems(self) -> Problems:
         for joint, places in attitude_places(self.joints).items() if all(map(len, self.rows)) else ():
@@ -226,12 +261,15 @@ class TableTrajectory(CourseTrajectory):
     @property
     def joints(self) -> tuple[str, ...]:
         """The columns of q whose motion it gives."""
-        return tuple(dict.fromkeys(column_power(name)[0] for name in self.columns[1:]))
+        return tuple(dict.fromkeys(column_power(self._of(name))[0] for name in self.columns[1:]))
 
     @property
     def spline(self) -> str:
         """How the rows are interpolated."""
-        return self.interpolation or ("pieces" if self._powers else "quintic")
+        if self.interpolation is not None:
+            return self.interpolation
+        has_rates = any(self._of(name) != name for name in self.columns)
+        return "pieces" if self._powers else "hermite" if has_rates else "quintic"
 
     @property
     def _powers(self) -> list[str]:
@@ -246,12 +284,42 @@ class TableTrajectory(CourseTrajectory):
         data = np.array(self.rows, dtype=float)
         if self.spline == "pieces":
             return self._pieces(data)
+        if self.spline == "hermite":
+            return self._with_rates(data)
         t, q = data[:, 0], the_shorter_way(self.joints, data[:, 1:])
         if self.spline == "linear":
             return Course(t, [q[:-1], np.diff(q, axis=0) / np.diff(t)[:, None]])
         if self.spline == "monotone":
             return hermite_cubic(t, q, monotone_rates(t, q))
         return _spline(t, q, LEAST[self.spline] - 1)
+
+    def _with_rates(self, data: Array) -> Course:
+        """Return the cubics with the rows' rates, or the quintics with their accelerations too."""
+        q, v, *a = (
+            data[:, [self.columns.index(f"{sign}{joint}") for joint in self.joints]]
+            for sign in ("", RATE, ACCELERATION)
+            if f"{sign}{self.joints[0]}" in self.columns
+        )
+        return course_through(data[:, 0], q, v, (a[0], a[0])) if a else hermite_cubic(data[:, 0], q, v)
+
+    def missed(self) -> float | None:
+        """Return how far the interpolation of every second row misses the others (largest, any joint); None of tables
+        with too few rows for it, and of pieces, which are what they are.
+        """
+        every = dataclasses.replace(self, rows=self.rows[::2])
+        if self.spline == "pieces" or len(every.rows) < LEAST[self.spline]:
+            return None
+        left = np.array([row for row in self.rows[1::2] if row[0] <= every.duration], dtype=float)
+        places = [self.columns.index(joint) for joint in self.joints]
+        return float(np.abs(every.course(left[:, 0]) - left[:, places]).max(initial=0.0))
+
+    def told(self) -> str:
+        """Return how the rows are interpolated, and what that misses, in words."""
+        missed = self.missed()
+        how = f"{len(self.rows)} rows, interpolation {self.spline}"
+        if missed is None:
+            return how
+        return f"{how}; made of every second row it misses the others by up to {missed:.2g} (rad or m)"
 
     def _pieces(self, data: Array) -> Course:
         """Return the rows' polynomials; the last row is where the motion ends."""

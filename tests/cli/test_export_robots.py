@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robodyn_cli.cli.app import run
-from robodyn_cli.scene.load import load_robot
+from robodyn_cli.scene.descriptions import load_robot
 
 SCENE = """\
 schema: 1

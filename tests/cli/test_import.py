@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.text.yaml_text import MAX_BYTES
 from tests.cli.tool import invoke
 from tests.unit.test_urdf import ARM, INERTIA, LIMIT, MASS, joint

@@ -255,6 +255,23 @@ def test_what_is_not_allowed(call: Callable[[Path], Any], message: str, scene: P
         call(scene)
 
 
+def test_arrays_are_a_motion() -> None:
+    t = np.linspace(0.0, 1.0, 11)
+    q, qd = np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([np.cos(t), -np.sin(t)])
+    without = {"expect": {}, **FEW}
+    text = "trajectory={type: joint, duration: 1, q: {theta1: sin(t), theta2: cos(t)}}"
+    right = robodyn.inverse(CIRCLE, set=[text, "expect={}", "inverse.samples=21"])["tau"]
+    for arrays, error in (((t, q), 2e-2), ((t, q, qd), 0.3), ((t, q, qd, -q), 1e-4)):
+        found = robodyn.inverse(CIRCLE, set={"trajectory": arrays, **without})
+        assert np.abs(found["tau"] - right).max() < error
+        assert "rows, interpolation" in found.summary["notes"][0]
+    scene = {**user_scene(), "trajectory": (t, q)}
+    assert (robodyn.load_scene(scene).trajectory.columns) == ("t", "j1", "j2")
+    for wrong in ((t, q[1:]), (t,), (t, q, qd, q, q), (t, "x")):
+        with pytest.raises(SceneError, match=r"trajectory: is no motion: .*allowed: \(t, q\)"):
+            robodyn.load_scene(CIRCLE, {"trajectory": wrong})
+
+
 def test_a_scene_that_was_changed_is_run_but_has_no_text_to_override(scene: Path) -> None:
     import dataclasses
 

@@ -12,7 +12,8 @@ import yaml
 
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.summary import read_summary
-from robodyn_cli.scene.load import load_description, load_scene
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import load_scene
 from tests.fuzz.mutate import Mutator, dump, spoil
 
 ROOT = Path(__file__).resolve().parents[2]

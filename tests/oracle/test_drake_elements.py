@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from robodyn_cli import simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.scene.load import load_description, load_scene
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from tests.exported_robots import Equations
 from tests.oracle.test_urdf_loops import MASS, matrix, origin, pose, tree, words

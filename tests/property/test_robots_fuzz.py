@@ -12,8 +12,9 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
+from robodyn_cli.scene.descriptions import load_description
 from robodyn_cli.scene.dialects import robot_yaml
-from robodyn_cli.scene.load import load_description, load_scene_text
+from robodyn_cli.scene.load import load_scene_text
 
 ROOT = Path(__file__).parents[2]
 # numbers and words that fit nowhere, in every dialect

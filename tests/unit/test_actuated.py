@@ -11,7 +11,8 @@ import pytest
 from robodyn_cli import inverse
 from robodyn_cli.cli.app import run
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import load_scene, load_scene_text
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 YAML = """\

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.scene.load import load_description
+from robodyn_cli.scene.descriptions import load_description
 
 _SDF_INERTIAL = (
     "<inertial auto='false'><pose>0.1 0 0 0 0 0</pose><mass>1</mass><inertia><ixx>.1</ixx><iyy>.1</iyy><izz>.1</izz>"

@@ -14,8 +14,9 @@ import yaml
 pytest.importorskip("mujoco")
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.scene.descriptions import load_description
 from robodyn_cli.scene.dialects import Description, robot_yaml
-from robodyn_cli.scene.load import load_description, load_scene
+from robodyn_cli.scene.load import load_scene
 from tests.mjcf_robots import inertial
 
 BODY = inertial()

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.scene.descriptions import load_description
 from robodyn_cli.scene.dialects import robot_yaml
-from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
+from robodyn_cli.scene.load import load_scene, load_scene_text
 from tests.cli.tool import invoke
 
 INERTIAL = "<inertial><mass>2</mass><inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>0.1</izz></inertia></inertial>"

@@ -18,7 +18,8 @@ from robodyn_cli.report.movie.frames import Frames, plan_movie
 from robodyn_cli.report.page.page import Shown, write_page
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
-from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.mesh.files import (
     MOST_FACES,
     TRIANGLE,

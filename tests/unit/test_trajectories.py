@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -238,3 +240,60 @@ def test_cartesian_formulas() -> None:
     assert_close(found.pdd, np.stack([0 * TIMES, -4 * np.sin(2 * TIMES), 0 * TIMES], axis=1), 1e-15)
     two = CartesianTrajectory("cartesian", "tip", (parse("t"), parse("1")), 2.0)
     assert two.target(TIMES, {}).p.shape == (41, 2)
+
+
+# -- tables with rates, and of arrays --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree, orders", [(3, 2), (5, 3)])
+def test_rates_of_a_table_are_those_of_the_motion(degree: int, orders: int) -> None:
+    """Polynomials of degree 2m - 1 are found again from m derivatives at rows that no spline could do with."""
+    polynomials = [
+        np.polynomial.Polynomial(c) for c in np.random.default_rng(degree).normal(size=(2, degree + 1))
+    ]
+    t = np.array([0.0, 0.7, 2.0])
+    names = ("t", *(f"{sign}{joint}" for sign in ("", "qd.", "qdd.")[:orders] for joint in ("j2", "j1")))
+    rows = np.column_stack([t, *(p.deriv(k)(t) for k in range(orders) for p in polynomials)])
+    table = TableTrajectory("table", None, names, tuple(map(tuple, rows.tolist())), None)
+    assert table.spline == "hermite" and table.joints == ("j2", "j1")
+    found = table.motion(TIMES, ("j1", "j2"), {})
+    for k, values in enumerate((found.q, found.qd, found.qdd)):
+        expected = np.column_stack([p.deriv(k)(TIMES) for p in reversed(polynomials)])
+        assert values == pytest.approx(expected, rel=1e-12, abs=1e-11 * np.abs(expected).max())
+    assert table.missed() < 1e-12
+
+
+def test_what_every_second_row_misses_falls_with_the_order() -> None:
+    def missed(rows: int, orders: int) -> float:
+        t = np.linspace(0.0, 2.0, rows)
+        columns = ("t", "j1", "qd.j1", "qdd.j1")[: 1 + orders]
+        values = np.column_stack([t, np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)])[:, : 1 + orders]
+        return TableTrajectory("table", None, columns, tuple(map(tuple, values.tolist())), None).missed()
+
+    for orders, order in ((1, 6), (2, 4), (3, 6)):
+        assert missed(81, orders) < 1.5 * missed(41, orders) / 2**order, orders
+
+
+@pytest.mark.parametrize(
+    "columns, more, message",
+    [
+        ("[t, j1, j2, qd.j1]", "", "qd.j2 is missing; needed: that of every joint, or of none"),
+        ("[t, j1, j2, qdd.j1, qdd.j2]", "", "qd.j1 is missing"),
+        ("[t, j1, j2, qd.j1, qd.j2]", ", interpolation: linear", "a column of rates ('qd.j1') is of hermite"),
+        ("[t, j1, j2]", ", interpolation: hermite", "hermite needs rates, as qd.joint"),
+        ("[t, j1, j2, qd.j3]", "", "unknown joint 'qd.j3'"),
+    ],
+)  # fmt: skip
+def test_rates_that_a_table_cannot_have(columns: str, more: str, message: str) -> None:
+    row = ", ".join("0" for _ in columns.split(",")[1:])
+    with pytest.raises(SceneError, match=re.escape(message)):
+        trajectory(f"{{type: table, columns: {columns}, rows: [[0, {row}], [1, {row}], [2, {row}]]{more}}}")
+
+
+def test_rows_without_names_are_of_all_joints() -> None:
+    rows = "[[0, 1, 2, 3, 4], [1, 2, 3, 4, 5], [2, 3, 4, 5, 6]]"
+    assert trajectory(f"{{type: table, rows: {rows}}}").columns == ("t", "j1", "j2", "qd.j1", "qd.j2")
+    with pytest.raises(
+        SceneError, match=re.escape("has 4 numbers for the joints j1, j2; needed without 'columns': 3, 5, 7")
+    ):
+        trajectory("{type: table, rows: [[0, 1, 2, 3], [1, 1, 2, 3]]}")

@@ -13,7 +13,8 @@ from robodyn_cli import inverse, simulate
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.findings import findings
-from robodyn_cli.scene.load import examine, load_description, load_scene, load_scene_text
+from robodyn_cli.scene.descriptions import load_description
+from robodyn_cli.scene.load import examine, load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.meshes import mesh_file
 from robodyn_cli.scene.urdf.xml import joint_names, link_names, scene_names

@@ -110,7 +110,8 @@ def _functions(
     from robodyn_cli.errors import CapabilityError
     from robodyn_cli.over.c99.folder import export_c
     from robodyn_cli.over.c99.keys import asked_key
-    from robodyn_cli.scene.load import Family, load_robot
+    from robodyn_cli.scene.descriptions import load_robot
+    from robodyn_cli.scene.load import Family
 
     if _is_stored(source):
         raise CapabilityError(f"{source} is a result, which has no functions; allowed with --c: a scene")
@@ -165,6 +166,6 @@ def _files(source: Path, to: str, out: Path, overrides: Sequence[str]) -> tuple[
 
         return export(read_stored(source), to, out), []
     from robodyn_cli.over.export.scene import export_robot
-    from robodyn_cli.scene.load import load_robot
+    from robodyn_cli.scene.descriptions import load_robot
 
     return export_robot(load_robot(source, overrides), to, out)

@@ -44,8 +44,8 @@ def command(
 ) -> int:
     """Write a URDF, SDF or MJCF as a robot in YAML, never over another file; return the exit code."""
     from robodyn_cli.results.atomic import write_new
+    from robodyn_cli.scene.descriptions import load_description
     from robodyn_cli.scene.dialects import robot_yaml
-    from robodyn_cli.scene.load import load_description
 
     console = told.console
     folders = _folders(packages or ())

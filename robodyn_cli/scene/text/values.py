@@ -12,6 +12,9 @@ from robodyn_cli.scene.text.yaml_text import MAX_DEPTH, flow
 
 ALLOWED = "allowed: numbers, texts, truth values, None, lists, maps and arrays of these"
 
+TRAJECTORY = "trajectory"
+MOTION = "allowed: (t, q), (t, q, qd) or (t, q, qd, qdd) with t (T,) and the others (T, n), a column a joint"
+
 # keys with values, nested or dotted; texts ``key.path=value``; or one such text
 Overrides = Mapping[str, Any] | Sequence[str] | str
 
@@ -40,6 +43,8 @@ def _node(value: Any, place: nodes.Scalar, path: nodes.Path) -> nodes.Node:
         return nodes.mapping(place, entries)
     if type(value).__module__ == "numpy":  # arrays and their scalars, without numpy being imported here
         value = value.tolist()
+    if isinstance(value, tuple) and path == (TRAJECTORY,):
+        return _node(_motion(value, place, path), place, path)
     if isinstance(value, (list, tuple)):
         return nodes.sequence(place, [_node(x, place, (*path, k)) for k, x in enumerate(value)])
     if isinstance(value, os.PathLike):
@@ -64,6 +69,49 @@ def _key(name: Any, place: nodes.Scalar, path: nodes.Path) -> nodes.Scalar:
             place, nodes.dotted(path), f"key {shown(name)} is no text; allowed: names of keys"
         )
     return nodes.scalar(place, name)
+
+
+def _motion(value: tuple[Any, ...], place: nodes.Scalar, path: nodes.Path) -> dict[str, Any]:
+    """Return the table of a motion that is given by arrays: times (T,), positions (T, n), and perhaps rates and
+    accelerations; of one joint (T,) goes too.
+
+    Raises
+    ------
+    SceneError : their shapes do not fit.
+    """
+    import numpy as np
+
+    try:
+        t, *columns = (np.asarray(x, dtype=float) for x in value)
+    except (TypeError, ValueError) as error:
+        raise nodes.located(place, nodes.dotted(path), f"is no motion: {error}; {MOTION}") from None
+    columns = [x[:, None] if x.ndim == 1 else x for x in columns]
+    shapes = {x.shape for x in columns}
+    if t.ndim != 1 or not 1 <= len(columns) <= 3 or len(shapes) != 1 or columns[0].shape[:-1] != t.shape:
+        found = ", ".join(str(np.shape(x)) for x in value)
+        raise nodes.located(place, nodes.dotted(path), f"is no motion: arrays of shapes {found}; {MOTION}")
+    return {"type": "table", "rows": np.column_stack([t, *columns])}
+
+
+def with_columns(root: nodes.Mapping, joints: Sequence[str]) -> nodes.Mapping:
+    """Return a scene whose table has names of columns: of ``t``, all joints, and their rates where rows have them."""
+    table = root.get(TRAJECTORY)
+    assert isinstance(table, nodes.Mapping)
+    rows = table.get("rows")
+    first = rows.items[0] if isinstance(rows, nodes.Sequence) and rows.items else None
+    if not isinstance(first, nodes.Sequence) or not joints:
+        return root
+    count, left = divmod(len(first.items) - 1, len(joints))
+    if left or not 1 <= count <= 3:
+        needed = ", ".join(str(1 + k * len(joints)) for k in (1, 2, 3))
+        raise nodes.located(
+            first, f"{TRAJECTORY}.rows.0", f"has {len(first.items)} numbers for the joints {', '.join(joints)}; needed "
+            f"without 'columns': {needed} (t, positions, rates, accelerations)",
+        )  # fmt: skip
+    names = ["t", *(f"{sign}{joint}" for sign in ("", "qd.", "qdd.")[:count] for joint in joints)]
+    columns = nodes.sequence(table, [nodes.scalar(table, name) for name in names])
+    key = nodes.scalar(table, "columns")
+    return root.replaced(root.key(TRAJECTORY) or key, table.replaced(key, columns))
 
 
 def text_of(value: Any, path: nodes.Path = ()) -> str:
