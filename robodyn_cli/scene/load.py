@@ -290,7 +290,9 @@ def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node
             root = with_catalogue(root)
     root = includer.whole(kind, root)
     table = root.get("trajectory") if isinstance(root, Mapping) else None
-    if isinstance(table, Mapping) and table.get("rows") is not None and table.get("columns") is None:
+    if not isinstance(root, Mapping) or not isinstance(table, Mapping):
+        return root
+    if table.get("rows") is not None and table.get("columns") is None:
         from robodyn_cli.scene.text.values import with_columns
 
         includer.unnamed = True
