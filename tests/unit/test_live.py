@@ -174,6 +174,30 @@ def test_samples_of_a_page_are_those_of_the_program(tmp_path: Path) -> None:
 
 
 @needs_node
+def test_times_of_events_that_a_run_passes(tmp_path: Path) -> None:
+    """Where the torque that a controller asks for comes to its limit or falls below it, as samples of the program say."""
+    limits = np.array([100.0, 50.0])
+    overrides = [
+        "simulate.duration=1", "control={type: pd, gains: {kp: 300, kd: 30}, limit: {theta1: 100, theta2: 50}}",
+        "trajectory={type: joint, duration: 3, q: {theta1: -1, theta2: 0.5*cos(t)}}",
+    ]  # fmt: skip
+    family = family_of("double_pendulum.yaml", overrides)
+    live = LiveStructure(family, MASSES)
+    (page,) = run_live(live, live.row[None], tmp_path)
+    own = run_many(family, MASSES, live.row[None], samples=20001).samples
+    time, q, qd = own["time"][0], own["q"][0], own["qd"][0]
+    wanted = np.stack([np.full_like(time, -1.0), 0.5 * np.cos(time)], axis=1)
+    rates = np.stack([np.zeros_like(time), -0.5 * np.sin(time)], axis=1)
+    beyond = np.abs(300.0 * (wanted - q) + 30.0 * (rates - qd)) > limits
+    changes = np.flatnonzero((beyond[1:] != beyond[:-1]).any(axis=1))
+    passed = [event["time"] for event in page["passed"]]
+    assert len(passed) == len(changes) >= 4
+    for k, met in zip(changes, passed):
+        assert time[k] <= met <= time[k + 1]
+    assert all(0.0 < event["error"] < 1e-10 for event in page["passed"])
+
+
+@needs_node
 def test_settings_that_a_page_cannot_vouch_for_are_refused_with_their_reason(tmp_path: Path) -> None:
     """A centre of mass that is put back onto its joint cancels: other equations, noticed by compiled comparisons."""
     overrides = ["robot.links.link2.com=[-0.583, 0, 0]", "robot.links.link2.com_frame=link"]

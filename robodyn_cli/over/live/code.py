@@ -18,17 +18,20 @@ from robodyn_cli.expr.functions import absolute, maximum, where
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.many import CONSTANT, Decision, Recipe
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.event_location.locate_event import load_places
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer
 from robodyn_cli.integrators.stepping.lanes import JOB, write_many
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.integrators.stepping.stepper import Method
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.kernels.ir import Function, module
+from robodyn_cli.kernels.ir import Function, Int, module
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.record import record
 
+PASSED = "passed"  # a function of the caller
 # comparisons with zero of a difference that hold where it is positive, or where it is not
 POSITIVE = {"gt": (1.0, True), "le": (1.0, False), "lt": (-1.0, True), "ge": (-1.0, False)}
 
@@ -47,6 +50,21 @@ def loop_texts(system: System, method: Method, target: Target) -> list[str]:
         write_many(),
         "\n".join([*declared, module([f])]),
     ]
+
+
+def notes_text() -> str:
+    """Return the IR of ``watch(job)``: from then on runs tell their caller the events that they pass, by calls of
+    ``passed(time, number of the event)``."""
+    f = Function("note_event", ["ptr %places"], result="i64")
+    load_places(f, "w", "n")
+    time = f.load(f.offset("%w", DoubleSlot.T))
+    event = f.to_double(f.load_int(f.offset("%n", IntegerSlot.EVENT)))
+    f.call(PASSED, [f"double {time.ref}", f"double {event.ref}"])
+    f.ret(Int(f, str(int(LatchAnswer.GOES_ON))))
+    watch = Function("watch", ["ptr %job"])
+    watch.store_address("@note_event", watch.offset("%job", JOB.index("close")))
+    watch.ret()
+    return "\n".join([f"declare void @{PASSED}(double, double)", module([f, watch])])
 
 
 @record

@@ -105,6 +105,8 @@ class Judging:
     def data(self) -> dict[str, Any]:
         """Return runs, rules and what their reasons are called."""
         self._record_start()
+        if self.fleet.passing:
+            self._record_passed()
         shared: dict[str, Any] = {
             "first": self._first(),
             "second": self._attempts("second", self._first_of(Tape())[1]),
@@ -270,6 +272,13 @@ class Judging:
         if expressions is self.batch.structure.psi_of_loops:
             groups["q"] = self.batch.starts.q.T
         return self.batch.numbers.evaluate(expressions, groups)
+
+    def _record_passed(self) -> None:
+        """Record the error of the time at which both runs passed an event."""
+        tape, first = self._first_of(Tape())
+        time, again = (tape.input(name, np.ones(1)) for name in ("passed", "again.passed"))
+        steps = tape.input("again.steps", 2 * self.first.steps)
+        self._keep("passed", tape, {"error": time_errors(first, np.abs(again - time), steps, time)})
 
     # -- the course -----------------------------------------------------------------------------------
     def _record_course(self) -> None:

@@ -24,7 +24,14 @@ from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.over.commands import locks
-from robodyn_cli.over.live.code import StateEquations, equations_text, loop_texts, numbers_text
+from robodyn_cli.over.live.code import (
+    PASSED,
+    StateEquations,
+    equations_text,
+    loop_texts,
+    notes_text,
+    numbers_text,
+)
 from robodyn_cli.over.live.judging import Judging, limits_of_closing
 from robodyn_cli.over.live.rules import plain
 from robodyn_cli.over.many.command import VERDICT
@@ -280,8 +287,11 @@ class LiveStructure:
         ------
         CapabilityError : it needs functions that browsers do not have, or a number follows from a key in Python.
         """
-        made = write_wasm(self.texts(WASM), self.exports)
-        if others := sorted(set(made.imports) - LIBRARY):
+        texts, exports = self.texts(WASM), self.exports
+        if self.fleet.passing:
+            texts, exports = [*texts, notes_text()], [*exports, "watch"]
+        made = write_wasm(texts, exports)
+        if others := sorted(set(made.imports) - LIBRARY - {PASSED}):
             raise CapabilityError(
                 f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
             )

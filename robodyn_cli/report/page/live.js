@@ -1,6 +1,7 @@
 /* A scene that runs in the page: sliders and fields for its keys; drawing, plots and figures of what they give. */
 
 const INKS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
+const PASSED = 12; // events whose times are shown
 const GROUPS = [["q", "positions", ""], ["v", "rates", "/s"]];
 
 async function unzipped(text) {
@@ -157,6 +158,9 @@ class Live {
   figures() {
     const { result } = this, found = this.figuresOf(result);
     const rows = this.figureNames.map((name, k) => [name, stated(found[k].value, found[k].error, found[k].unit)]);
+    const shown = result.passed.slice(0, PASSED);
+    rows.push(...shown.map(({ name, time, error }) => [`event of ${name.replace(/[._]/g, " ")}`, stated(time, error, "s")]));
+    if (result.passed.length > PASSED) rows.push(["more events", `${result.passed.length - PASSED}`]);
     rows.push(["steps of two integrations", `${result.steps} and ${result.second_steps}`]);
     this.find("tbody").replaceChildren(...rows.map(([name, value]) => {
       const row = document.createElement("tr");

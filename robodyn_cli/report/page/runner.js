@@ -23,6 +23,7 @@ class Runner {
     env.__stack_pointer = new WebAssembly.Global({ value: "i32", mutable: true }, place.stack);
     env.__indirect_function_table = new WebAssembly.Table({ initial: 16, element: "anyfunc" });
     for (const name of data.code.imports) env[name] = Math[name];
+    env.passed = (time, event) => { this.passed.push({ time, event }); };
     this.code = new WebAssembly.Instance(module, { env }).exports;
     this.doubles = new Float64Array(memory.buffer);
     this.integers = new BigInt64Array(memory.buffer);
@@ -57,6 +58,7 @@ class Runner {
     const job = { stop: place.stop, clear: place.clear, events: data.events.length, passing: data.passing, "all.status": place.status };
     for (const name in bytes) Object.assign(job, { [`all.${name}`]: place[`all.${name}`], [`bytes.${name}`]: bytes[name] });
     memory.job.forEach((name, k) => this.setInteger("job", k, job[name] || 0));
+    if (this.code.watch) this.code.watch(place.job);
   }
 
   view(name, count) { return this.doubles.subarray(this.place[name] / 8, this.place[name] / 8 + count); }
@@ -166,6 +168,7 @@ class Runner {
     this.view("all.p", data.memory.parameters.length).set(data.memory.parameters);
     const numbers = this.view("all.numbers", data.own), table = this.view("table", data.own), off = data.off[spec.draw];
     for (let k = 0; k < data.own; k++) numbers[k] = off ? table[k] * (1 + off[k] * 2 ** -53) : table[k];
+    this.passed = [];
     this.code.drive(place.places, place.job);
     const status = this.integer("status", 0), event = this.integer("all.n", counts.EVENT), located = this.integer("all.n", counts.LOCATED) !== 0;
     return {
@@ -173,7 +176,7 @@ class Runner {
       event: status === data.status.EVENT && located ? event : -1, met: event,
       time: Float64Array.of(this.doubles[place["all.w"] / 8 + data.slots.time]),
       steps: Float64Array.of(this.integer("all.n", counts.ACCEPTED)),
-      end: this.view("all.y", data.size).slice(),
+      end: this.view("all.y", data.size).slice(), passed: this.passed,
       made: Math.min(this.integer("all.n", counts.NEXT_SAMPLE) - 1, spec.n[counts.LAST_SAMPLE]),
       out: this.view("all.out", data.size * Math.max(spec.n[counts.LAST_SAMPLE], 0)).slice(),
     };
@@ -258,6 +261,18 @@ class Runner {
     return this.result(x, first, second, { columns: this.columns(picture), end: lock.end, time: lock.time_error });
   }
 
+  /* The events that both runs passed in the same order, as far as they agree, with the errors of their times. */
+  passedBoth(first, second) {
+    const { data } = this, both = [];
+    for (const [k, { time, event }] of first.passed.entries()) {
+      const other = second.passed[k];
+      if (!other || other.event !== event) break;
+      const inputs = { steps: first.steps, time: first.time, "again.steps": second.steps, passed: Float64Array.of(time), "again.passed": Float64Array.of(other.time) };
+      both.push({ name: data.events[event].name, time, error: this.rule("passed", inputs).error[0] });
+    }
+    return both;
+  }
+
   /* Samples of each state, from the start on. */
   columns(run) {
     const count = this.data.size, rows = run.out.length / count, every = this.data.every || 1;
@@ -281,7 +296,7 @@ class Runner {
       time: end, time_error: parts.time[0], steps: first.steps[0], second_steps: second.steps[0],
       q: pick(data.q.places, first.end), v: pick(data.v.places, first.end),
       q_error: pick(data.q.places, parts.end), v_error: pick(data.v.places, parts.end),
-      times, columns,
+      times, columns, passed: this.passedBoth(first, second),
     };
   }
 }
