@@ -51,6 +51,7 @@ class JudgedStructure(Protocol):
     batch: RunBatch
     fleet: Fleet
     method: str
+    in_page: bool
     closing: ManyClosing | None
     where: str
 
@@ -105,7 +106,7 @@ class Judging:
     def data(self) -> dict[str, Any]:
         """Return runs, rules and what their reasons are called."""
         self._record_start()
-        if self.fleet.passing:
+        if self.fleet.passing and self.live.in_page:
             self._record_passed()
         shared: dict[str, Any] = {
             "first": self._first(),

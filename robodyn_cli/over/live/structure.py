@@ -86,7 +86,7 @@ class LiveStructure:
     """
 
     where = "run in a page"  # what the scene is to do, as refusals say it
-    controls = True  # whether states of controllers have their starts there
+    in_page = True  # where states of controllers have their starts, and times of events that are passed are told
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
@@ -193,7 +193,7 @@ class LiveStructure:
             "no errors are estimated (simulate.error_estimate)": not scene.simulate.error_estimate,
             "the motion turns stiff, so that its method changes on the way": choice.may_change
             and choice.method == STIFF,
-            "a controller acts": scene.control is not None and not self.controls,
+            "a controller acts": scene.control is not None and not self.in_page,
             "latches close": motion.system.closings is not None or bool(scene.deploy.latches),
             "loops of joints with quaternions are closed in Python": quasi
             and bool(motion.problem.constraints.rows),

@@ -22,7 +22,7 @@ class CStructure(LiveStructure):
     """The motion of a scene with keys that C can set; a key without a range takes what the scene allows."""
 
     where = "leave as C"
-    controls = False
+    in_page = False
 
     @staticmethod
     def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
