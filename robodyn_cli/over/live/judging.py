@@ -302,13 +302,11 @@ class Judging:
             apart = difference(own, self._course(tape, x0, "again"), sampled_end=True)
             courses = Courses(system, own, apart, scale)
             floor = courses.floor(first.steps, self.batch.ends, lambda k: self._conditioning())
-            settled, doubt = courses.settled(floor)
+            settled, _ = courses.settled(floor)  # a third is made without a doubt
             if name == "third":
                 third = difference(own, self._course(tape, x0, "third"), sampled_end=True)
                 settled = settled.beside(third, np.ones(1, dtype=bool))
-            outputs = {"end": settled.at_end(floor)}
-            # where each run counts a third is made in doubt alone; a page always makes it
-            self._keep(f"errors.{name}", tape, outputs | ({"doubt": doubt} if name == "second" else {}))
+            self._keep(f"errors.{name}", tape, {"end": settled.at_end(floor)})
 
     def _course(self, tape: Tape, start: Recorded, name: str) -> Any:
         """Return the states (1, T, nx) of a run that are judged."""

@@ -86,7 +86,9 @@ class LiveStructure:
     """
 
     where = "run in a page"  # what the scene is to do, as refusals say it
-    in_page = True  # where states of controllers have their starts, and times of events that are passed are told
+    in_page = (
+        True  # where states of controllers have their starts, and times of events that are passed are told
+    )
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
