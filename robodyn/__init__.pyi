@@ -240,6 +240,19 @@ def crosscheck(
 ) -> Result:
     """Compare a scene with Pinocchio, MuJoCo or Drake."""
 
+def equations(
+    scene: _Scene,
+    *,
+    latex: bool = False,
+    text: bool = False,
+    sympy: bool = False,
+    numbers: bool = False,
+    file: _Path | None = None,
+    set: _Overrides | None = None,
+    progress: _Progress | None = None,
+) -> Report:
+    """Equations of motion with the scene's names: text, LaTeX or SymPy."""
+
 def import_(
     description: _Path,
     robot: _Path | None = None,

@@ -268,6 +268,11 @@ COMMANDS: dict[str, Command] = {
         summary=("crosscheck:CrosscheckReport", "crosscheck:OwnSettingsSummary"),
         plots=("crosscheck:own_settings",),
     ),
+    "equations": Command(
+        "Equations of motion with the scene's names: text, LaTeX or SymPy.",
+        SCENES,
+        summary=("equations:EquationsReport",),
+    ),
     "import": Command("Write the robot of a URDF, SDF or MJCF file as YAML.", SCENES),
     "export": Command(
         "Write a result as CSV, Parquet, MATLAB, NumPy files, or a robot as URDF, MJCF, SDF.", RESULTS
