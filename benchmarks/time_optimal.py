@@ -10,6 +10,9 @@ rotors, friction, payloads, and random limits, each at the default tolerance.
 
 toppra (``pip install toppra``) is compared where it is installed: torques by interpolation, the same inverse dynamics,
 path and number of intervals. It takes torques as quadratic in the speed, so that arms with friction are left out there.
+
+The last table has whole calls, from a scene that is read to its motion in time, once all is compiled: lines rounded
+where they meet, for an arm and for mechanisms with loops.
 """
 
 from __future__ import annotations
@@ -114,6 +117,55 @@ class Case:
         return float(found.duration), 1e3 * (time.perf_counter() - start)
 
 
+PLATFORM = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a1, type: revolute, axis: [0, 0, 1], parent: base, link: cyl1}
+    - {name: s1, type: prismatic, axis: [1, 0, 0], parent: cyl1, link: rod1}
+    - {name: p1, type: revolute, axis: [0, 0, 1], parent: rod1, link: plate}
+    - {name: a2, type: revolute, axis: [0, 0, 1], parent: base, link: cyl2, origin: {xyz: [1, 0, 0]}}
+    - {name: s2, type: prismatic, axis: [1, 0, 0], parent: cyl2, link: rod2}
+    - {name: a3, type: revolute, axis: [0, 0, 1], parent: base, link: cyl3, origin: {xyz: [0.45, 0.9, 0]}}
+    - {name: s3, type: prismatic, axis: [1, 0, 0], parent: cyl3, link: rod3}
+  links:
+    - {name: cyl1, mass: 1, com: [0.1, 0, 0], inertia: {zz: 0.01}}
+    - {name: rod1, mass: 0.5, com: [-0.1, 0, 0], inertia: {zz: 0.01}}
+    - {name: plate, mass: 2, com: [0.1, 0.05, 0], inertia: {zz: 0.02}}
+    - {name: cyl2, mass: 1, com: [0.1, 0, 0], inertia: {zz: 0.01}}
+    - {name: rod2, mass: 0.5, com: [-0.1, 0, 0], inertia: {zz: 0.01}}
+    - {name: cyl3, mass: 1, com: [0.1, 0, 0], inertia: {zz: 0.01}}
+    - {name: rod3, mass: 0.5, com: [-0.1, 0, 0], inertia: {zz: 0.01}}
+  points:
+    c2: {link: plate, at: [0.2, 0, 0]}
+    c3: {link: plate, at: [0.02, 0.2, 0]}
+    mid: {link: plate, at: [0.1, 0.05, 0]}
+loops:
+  - {name: second, type: revolute, between: [c2, rod2.origin]}
+  - {name: third, type: revolute, between: [c3, rod3.origin]}
+actuated: [s1, s2, s3]
+initial: {q: {a1: 0.5, s1: 0.5, p1: -0.5, a2: 2.6, s2: 0.5, a3: -1.5, s3: 0.5}}
+"""
+SCENES = measure.ROOT / "configs"
+# scene, point, options, effort, where it starts, where its lines end
+LINES = {
+    "2R arm": (
+        (SCENES / "trajectories" / "fastest_2r.yaml").read_text(encoding="utf-8"),
+        "tip", "ik: {branch: elbow_up}, ", "{theta1: 250, theta2: 120}", "[1.4, 1.0, 0]",
+        ((1.0, 1.2), (0.9, 1.4), (0.6, 1.5), (0.3, 1.4), (0.2, 1.1), (0.4, 0.9)),
+    ),
+    "five-bar": (
+        (SCENES / "mechanisms" / "five_bar_circle.yaml").read_text(encoding="utf-8"),
+        "tip", "", "{left: 30, right: 30}", "[0.15, 0.9, 0]",
+        ((0.35, 1.0), (0.45, 0.8), (0.3, 0.7), (0.2, 0.8), (0.3, 0.95), (0.4, 0.9)),
+    ),
+    "3-RPR": (
+        PLATFORM, "mid", "", "{s1: 60, s2: 60, s3: 60}", "[0.45, 0.3, 0], orientation: {rpy: [0, 0, 0]}",
+        ((0.6, 0.35), (0.55, 0.45), (0.4, 0.4), (0.42, 0.32), (0.5, 0.3), (0.55, 0.4)),
+    ),
+}  # fmt: skip
+BLEND = "blend: 0.03"
 REFERENCE = 12_800  # intervals
 TOPPRA = (("toppra_error", ".1e"), ("toppra_ms", ".1f"))
 
@@ -170,6 +222,39 @@ def named(report: measure.Report, quick: bool) -> list[list[str]]:
     return rows
 
 
+def lines(robot: str, count: int) -> Any:
+    """Return a scene along so many lines, rounded where they meet."""
+    text, point, options, effort, start, ends = LINES[robot]
+    given = ", ".join(f"{{type: line, to: [{x}, {y}, 0], {BLEND}}}" for x, y in ends[:count])
+    given = given.removesuffix(f", {BLEND}}}") + "}"
+    path = (
+        f"{{type: path, point: {point}, law: quintic, speed: 1, {options}start: {{position: {start}}}, "
+        f"segments: [{given}]}}"
+    )
+    own = f"trajectory: {{type: fastest, effort: {effort}, path: {path}}}\n"
+    return load_scene_text(text.split("trajectory:")[0] + own, str(SCENES / "trajectories" / "lines.yaml"))
+
+
+def whole(report: measure.Report, quick: bool) -> list[list[str]]:
+    """Return the table of whole calls along one, three and six lines; add its rows to the report."""
+    rows = [["robot", "lines", "intervals", "duration [s]", "stated", "ms"]]
+    for robot in LINES:
+        for count in (1, 3) if quick else (1, 3, 6):
+            seconds: list[float] = []
+            for _ in range(2 if quick else 6):
+                scene = lines(robot, count)
+                start = time.process_time()
+                scaling = along(scene).trajectory.scaling
+                seconds.append(time.process_time() - start)
+            ms, duration = 1e3 * min(seconds), scaling.law.duration
+            stated = scaling.error / duration
+            rows.append([robot, f"{count}", f"{scaling.intervals}", f"{duration:.6f}", f"{stated:.1e}"])
+            rows[-1].append(f"{ms:.0f}")
+            row = {"path": f"{robot}, {count} lines", "intervals": scaling.intervals, "duration": duration}
+            report.rows.append(row | {"stated": stated, "whole_ms": ms})
+    return rows
+
+
 def random(count: int, quick: bool) -> list[list[str]]:
     """Return the table of random paths: their largest and usual errors and times."""
     sys.path.insert(0, str(measure.ROOT))
@@ -208,6 +293,8 @@ def main() -> None:
             print(measure.table(named(report, options.quick)), flush=True)
         if options.random:
             print("\n" + measure.table(random(options.random, options.quick)))
+        with report.part("whole calls"):
+            print("\n" + measure.table(whole(report, options.quick)), flush=True)
 
 
 if __name__ == "__main__":

@@ -149,9 +149,12 @@ class LimitedPath:
 
     def at(self, s: Array, places: tuple[float, ...] = PLACES) -> JointMotion:
         """Return the path at places in each segment, K places rows."""
-        D = np.diff(s)[:, None]
+        return self.motion(self.places(s, places))
+
+    def places(self, s: Array, places: tuple[float, ...] = PLACES) -> Array:
+        """Return the s of places in each segment (K places,)."""
         inside = np.clip(np.array(places), INSET, 1.0 - INSET)
-        return self.motion((s[:-1, None] + D * inside).ravel())
+        return (s[:-1, None] + np.diff(s)[:, None] * inside).ravel()
 
     def torques_at(self, way: JointMotion, u: Array, x: Array) -> Array:
         """Return the limited torques (T, n) at speeds and accelerations (T,), 1 and -1 on their limits."""

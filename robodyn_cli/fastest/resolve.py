@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
+from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.fastest.limits import LimitedPath, PathBounds, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
 from robodyn_cli.fastest.search import Fastest, fastest, merged
-from robodyn_cli.given.guided_motion import motion_along, motion_at
-from robodyn_cli.given.motion import Planned, led_by
+from robodyn_cli.given.along import motion_along, motion_at
+from robodyn_cli.given.motion import led_by
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -23,6 +23,7 @@ from robodyn_cli.schema.spans import use_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import FastestFigures
 from robodyn_cli.torques.build import build_inverse
+from robodyn_cli.torques.closed import ClosedLoops, ClosedTorques
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.fastest import (
@@ -160,12 +161,13 @@ def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> Limi
             "chooses; allowed there: least_rates"
         )
     limits = [PathBounds.of(getattr(trajectory, kind), model.v_names) for kind in BOUNDS]
-    return LimitedPath(_path_of(program), _torques_of(program), *limits)
+    torques = _torques_of(program)
+    return LimitedPath(_path_of(program), torques, *limits)
 
 
 def _path_of(program: InverseProgram) -> Callable[[Array], JointMotion]:
     problem = program.problem
-    if problem.model.closures or not isinstance(problem.scene.trajectory, TaskSpaceTrajectory):
+    if not problem.model.closures and not isinstance(problem.scene.trajectory, TaskSpaceTrajectory):
         return lambda s: motion_at(problem, s)
     way = motion_along(problem)
     return lambda s: way.motion(s, problem.model.q_names, {})
@@ -176,7 +178,7 @@ def _torques_of(program: InverseProgram) -> Torques:
 
     Raises
     ------
-    CapabilityError : forces depend on time, or on the load.
+    CapabilityError : forces depend on time, or on the load; or loops or prescribed joints on time.
     """
     from robodyn_cli.torques.dynamics import InverseDynamics, timeless
 
@@ -186,16 +188,14 @@ def _torques_of(program: InverseProgram) -> Torques:
     timeless(problem)
     if not problem.model.closures:
         return InverseDynamics(problem)
-    functions: dict[int, Any] = {}
-
-    def shared(q: Array, qd: Array, qdd: Array) -> Array:
-        count = len(q)
-        if count not in functions:
-            functions[count] = program.compile(count)
-        planned = Planned(np.zeros(count), JointMotion(q, qd, qdd))
-        return program.evaluate(planned, functions[count]).tau
-
-    return shared
+    moves = [row.name for row in problem.constraints.rows if is_nonzero(row.eta_t)]
+    if moves:
+        raise CapabilityError(
+            f"{moves[0]} moves by a formula of t, and 'fastest' chooses the times; allowed there: loops to places that "
+            "stay where they are, prescribed joints that stay"
+        )
+    assert isinstance(program, ClosedLoops)
+    return ClosedTorques(program)
 
 
 def special_points(trajectory: FastestTrajectory, program: InverseProgram, path: LimitedPath) -> Array:
@@ -206,6 +206,8 @@ def special_points(trajectory: FastestTrajectory, program: InverseProgram, path:
     points = path.at(s)
     problem = program.problem
     _check_path(points, s, problem.model)
+    if isinstance(path.torques, ClosedTorques):
+        path.torques.hold(points.q, path.places(s))
     if any(body.forces for body in problem.model.bodies):
         fixed = np.append(fixed, _turns(path, s, points))
     return fixed

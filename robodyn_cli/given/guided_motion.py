@@ -1,5 +1,4 @@
-"""The motion of all joints that a trajectory leads to, also by polynomials that stand for it in time; in a mechanism
-with loops, from the motion of some joints or of a point."""
+"""The motion of all joints of a mechanism with loops, from the motion of some joints or of a point."""
 
 from __future__ import annotations
 
@@ -10,19 +9,16 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError, listed
-from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of, leads_apart
-from robodyn_cli.given.motion import Planned, by_columns, plan_motion
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions, leads_apart
+from robodyn_cli.given.motion import Planned, plan_motion
 from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
-from robodyn_cli.record import record
 from robodyn_cli.solve.closing.assembly import assemble
 from robodyn_cli.solve.closure import CLOSED, Numbers, rank
 from robodyn_cli.solve.guided import SAME, Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import rounded_up
-from robodyn_cli.trajectories.course import Course, interpolated
-from robodyn_cli.trajectories.joint_space import CourseTrajectory
 from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -53,13 +49,28 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     _check_rates(problem, conditions, now)
     places, stuck_at = guide.follow(now, times)
     stopped = None if stuck_at is None else explain(problem, conditions, stuck_at)
-    motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
+    motion = _motion_of(places)
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
     residuals = _residuals(conditions, places) if problem.model.closures else {}
-    return with_target(
-        problem, lead, Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
+
+    def near(times: Array, guess: Array) -> JointMotion | None:
+        found, good = Guide(conditions.at_times(times)).near(guess, times, slice(None))
+        return _motion_of(found) if good.all() else None
+
+    planned = Planned(
+        reached,
+        motion,
+        residuals=residuals,
+        counters=counters,
+        stopped=stopped,
+        near=near if conditions.together and stopped is None else None,
     )
+    return with_target(problem, lead, planned)
+
+
+def _motion_of(places: Sequence[GuidedPlace]) -> JointMotion:
+    return JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
 
 
 def with_target(problem: Problem, lead: Lead, planned: Planned) -> Planned:
@@ -226,64 +237,3 @@ def _residuals(conditions: LoopConditions, places: Sequence[GuidedPlace]) -> dic
         here = [np.abs(x).max(initial=0.0) for x in (F, J @ place.v - c, J @ place.a - b)]
         largest = np.maximum(largest, here)
     return dict(zip(("position", "velocity", "acceleration"), largest.tolist()))
-
-
-@record
-class Interpolated(CourseTrajectory):
-    """The motion of joints by quintics through positions, rates and accelerations.
-
-    jumps : times at which accelerations jump; None to end steps at all points that the quintics go through.
-    """
-
-    columns: tuple[str, ...]
-    duration: float
-    through: Course
-    jumps: tuple[float, ...] | None = None
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        return self.columns
-
-    def make_course(self) -> Course:
-        return self.through
-
-    @property
-    def knots(self) -> tuple[float, ...]:
-        return super().knots if self.jumps is None else self.jumps
-
-
-def motion_at(problem: Problem, times: Array) -> JointMotion:
-    """Return the motion of all joints at ``times`` (T,) that the scene's trajectory, and its loops, lead to.
-
-    Raises
-    ------
-    GeometryError, SingularConfigurationError : it ends before. Others as ``plan_motion`` and ``guided_motion`` raise.
-    """
-    if not problem.model.closures:
-        return plan_motion(problem, times).motion
-
-    guided = guided_motion(problem, lead_of(problem), times)
-    if guided.stopped is not None:
-        raise guided.stopped
-    return guided.motion
-
-
-def motion_along(problem: Problem, columns: Sequence[str] | None = None) -> Interpolated:
-    """Return the motion of columns of q, by default all, close to that of ``motion_at`` at any time.
-
-    Raises
-    ------
-    CapabilityError : the joints' rates jump on the way. Others as ``motion_at`` raises.
-    """
-    trajectory, names = problem.scene.trajectory, problem.model.q_names
-    led = tuple(names if columns is None else columns)
-    places = [names.index(name) for name in led]
-
-    def motion(times: Array) -> tuple[Array, Array, Array]:
-        q, v, a = by_columns(problem.model, motion_at(problem, times))
-        return q[:, places], v[:, places], a[:, places]
-
-    duration = float(trajectory.duration)
-    path = "" if trajectory.point is None else f" along the path of {trajectory.point!r}"
-    course = interpolated(motion, duration, trajectory.knots, f"the joints' motion{path}")
-    return Interpolated(led, duration, course)

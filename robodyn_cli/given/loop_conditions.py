@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -176,11 +177,20 @@ class LoopConditions:
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
         # a sample takes about four evaluations
         self._here, self._rates = (_Entries(model, x, 4 * len(times)) for x in self.entries())
+        self._ask(times)
+
+    def _ask(self, times: Array) -> None:
         self._asked: dict[float, tuple[Array, Array, Array]] = {}
-        self._times, self._at_times = times, lead.asked(times)
+        self._times, self._at_times = times, self.lead.asked(times)
         wanted = self._at_times
         for k, t in enumerate(times.tolist()):
             self._asked[t] = (wanted[0][k], wanted[1][k], wanted[2][k])
+
+    def at_times(self, times: Array) -> LoopConditions:
+        """Return the same conditions for samples at other times (T,)."""
+        other = copy(self)
+        other._ask(times)
+        return other
 
     def asked(self, t: float) -> tuple[Array, Array, Array]:
         """Return values (k,), rates and accelerations (m,) of the led joints or point."""

@@ -19,7 +19,7 @@ from robodyn_cli.solve.quadrature import GAP, gaps_between, places_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import given_by_formulas, position_columns
-from robodyn_cli.trajectories.motion import JointMotion
+from robodyn_cli.trajectories.motion import JointMotion, Near
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ class Planned:
     for there (T, 3, 3) as columns, None where the attitude is left free.
     method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
     stopped : why the motion ends early, None where it is whole.
+    near : solves the motion at other times (T,) near positions (T, nq); returns None where one of them is not regular,
+    not reached or not close. None where a motion has to be followed.
     """
 
     times: Array
@@ -47,6 +49,7 @@ class Planned:
     residuals: dict[str, float] = dataclasses.field(default_factory=dict)
     counters: dict[str, int] = dataclasses.field(default_factory=dict)
     stopped: GeometryError | SingularConfigurationError | None = None
+    near: Near | None = None
 
 
 def led_by(scene: Scene, trajectory: Any) -> Ready:
@@ -149,7 +152,16 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     )
     wanted = task.target(times)
     target, axes = in_world(model, task.moving, wanted.p, wanted.R, followed.motion.q)
-    return Planned(times, followed.motion, trajectory.point, target, axes, followed.method, counters=counters)
+    return Planned(
+        times,
+        followed.motion,
+        trajectory.point,
+        target,
+        axes,
+        followed.method,
+        counters=counters,
+        near=followed.near,
+    )
 
 
 def _together(problem: Problem) -> JointsTogether:

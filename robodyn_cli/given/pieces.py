@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.given.guided_motion import motion_at
+from robodyn_cli.given.along import MotionAlong
 from robodyn_cli.given.motion import by_columns
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -53,9 +53,10 @@ def pieces_of(problem: Problem) -> tuple[tuple[str, ...], Course]:
     columns = tuple(model.q_names) if led else position_columns(trajectory.joints)
     places = [model.q_names.index(name) for name in columns]
 
+    along = MotionAlong(problem)
+
     def motion(times: Array) -> tuple[Array, Array, Array]:
-        found = motion_at(problem, times)
-        q, v, a = by_columns(model, found)
+        q, v, a = by_columns(model, along(times))
         return q[:, places], v[:, places], a[:, places]
 
     T = float(trajectory.duration)

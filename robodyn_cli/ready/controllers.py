@@ -24,7 +24,7 @@ from robodyn_cli.equations.linear.reduce import Linear, held_by, independent, li
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.given.guided_motion import Interpolated, motion_along
+from robodyn_cli.given.along import Interpolated, motion_along
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.prepare import prepare

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.fastest.resolve import timed_path
-from robodyn_cli.given.guided_motion import Interpolated, motion_along
+from robodyn_cli.given.along import Interpolated, motion_along
 from robodyn_cli.given.motion import led_by
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene

@@ -14,9 +14,10 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.newton import MOST_STEP, PointSolver, Solution, apply
+from robodyn_cli.solve.newton import MOST_STEP, PointSolver, Rates, Solution, apply
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.solve.sparse import FEWEST, NEAR, Strides, counted, interpolated, together
 from robodyn_cli.spatial.algebra import Array
@@ -29,7 +30,8 @@ Target = Callable[[Array], "PointMotion | PoseMotion | Asked"]
 MISS = 0.1  # largest error of the extrapolation, rad or m: beyond it the branch could change unnoticed
 FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
 SELF_MOTION_ERROR = 1e-10  # rad or m per step
-HALVINGS = 18
+HALVINGS = 24
+AHEAD = 9  # times up to the next sample at which a target may be out of reach
 LISTED = 65  # times among which the worst target is sought
 
 
@@ -67,10 +69,15 @@ class PathFollower:
         self.target = target
         self.times = times
         self.steps = 0
-        self.h = np.inf  # length of the last step
+        self.h = np.inf  # a length of step that was enough
         at_samples = target(times)
         # position, rates and accelerations (T, k), (T, m), (T, m)
         self.at_samples = at_samples.values, at_samples.rates, at_samples.accelerations
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether a sample depends on the way there, or is not found by adding steps."""
+        return self.solver.redundant or bool(self.manifold.quasi)
 
     def run(self, start: Array) -> JointMotion:
         """Return the joint motion, at T times, from the solution nearest to ``start`` (nq,).
@@ -91,7 +98,7 @@ class PathFollower:
         now = self.state(self.times[0], solution, self.sample(0))
         before: PathState | None = None
         k, last = 0, len(q) - 1
-        strides = Strides(len(q) < FEWEST or self.solver.redundant or bool(self.manifold.quasi))
+        strides = Strides(len(q) < FEWEST or self.one_by_one)
         while k < last:
             further = None if strides.over else self._in_strides(strides, k, (before, now), q)
             if further:
@@ -129,6 +136,23 @@ class PathFollower:
         guess = interpolated(
             self.times[here], [k - first for k in places], [(x.q, x.qd, x.qdd) for x in states]
         )
+        found, _, good = self._at_once(guess, here)
+        last = counted(good, [k - first for k in places])
+        if last < len(places) - 1:
+            strides.length = 1
+        if not last:
+            return None
+        q[first + 1 : places[last] + 1] = found[1 : places[last] + 1 - first]
+        return places[last], states[last - 1], states[last]
+
+    def near(self, guess: Array) -> JointMotion | None:
+        """Return the joint motion at positions near a guess (T, nq), None where that does not count at some sample."""
+        found, rates, good = self._at_once(guess, slice(None))
+        return JointMotion(found, rates.qd, rates.qdd) if good.all() else None
+
+    def _at_once(self, guess: Array, here: slice) -> tuple[Array, Rates, NDArray[np.bool_]]:
+        """Return positions (T, nq) at samples near a guess, their rates, and which of them count: those close to the
+        guess, reached, regular, and on one branch."""
         wanted, pd, pdd = (x[here] for x in self.at_samples)
         found = together(guess, lambda x: self._step(wanted, x))
         with np.errstate(all="ignore"):
@@ -139,13 +163,7 @@ class PathFollower:
             U, Vt = rates.U, rates.Vt
             turn = np.swapaxes(U[:-1], 1, 2) @ U[1:], Vt[:-1] @ np.swapaxes(Vt[1:], 1, 2)
             good[1:] &= np.linalg.det(turn[0]) * np.linalg.det(turn[1]) > 0.0
-        last = counted(good, [k - first for k in places])
-        if last < len(places) - 1:
-            strides.length = 1
-        if not last:
-            return None
-        q[first + 1 : places[last] + 1] = found[1 : places[last] + 1 - first]
-        return places[last], states[last - 1], states[last]
+        return found, rates, good
 
     def _step(self, wanted: Array, q: Array) -> Array:
         """Return Newton's steps of positions q (T, nq) to values wanted (T, k)."""
@@ -194,8 +212,8 @@ class PathFollower:
             reached = self.step(before, now, t, target)
             if reached is not None:
                 before, now = now, reached
+                self.h = max(h, self.h) if last else h  # the end may have cut it short
                 if last:
-                    self.h = h
                     return before, now
                 h = min(2.0 * h, whole)
             elif t - now.t < whole * 0.5**HALVINGS:
@@ -234,11 +252,14 @@ class PathFollower:
     def failure(self, now: PathState, t: float, p: Array, k: int) -> Exception:
         """Return the error that says why the motion cannot go on from ``now`` to the target p (k,) at time t <= t_k."""
         here = self.solver.solve(p, now.q)
-        # rates grow beyond bounds just before the limit of the reach, so look a few samples ahead as well
-        for ahead in range(k, min(k + 3, len(self.times))):
-            there = self.solver.solve(self.at_samples[0][ahead], here.q)
+        # rates grow beyond bounds just before the limit of the reach, so look up to the sample and a few beyond as well
+        ahead = [self.between(x)[0] for x in np.linspace(t, float(self.times[k]), AHEAD).tolist()]
+        q = here.q
+        for wanted in (*ahead, *self.at_samples[0][k + 1 : k + 3]):
+            there = self.solver.solve(wanted, q)
             if not self.reached(there.residual):
-                return self.unreachable(ahead, here.q, t)
+                return self.unreachable(k, here.q, t)
+            q = there.q
         if self.reached(here.residual):
             return self.singular(now.t, now.q)
         return Unreachable(t, here.residual, t, here.residual, nearest=False)

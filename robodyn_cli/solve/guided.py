@@ -261,15 +261,13 @@ class Guide:
         here, at = slice(first, places[-1] + 1), [k - first for k in places]
         states = [(x.q, *self.conditions.manifold.rates(x.q, x.v, x.a)) for x in through]
         guess = interpolated(times[here], at, states)
-        found, good = self._at_once(guess, times[here], here)
+        found, good = self.near(guess, times[here], here)
         last = counted(good, at)
         if last < len(at) - 1:
             strides.length = 1
         return found[1 : at[last] + 1] if last else []
 
-    def _at_once(
-        self, guess: Array, times: Array, samples: slice
-    ) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
+    def near(self, guess: Array, times: Array, samples: slice) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
         """Return the places at samples near a guess (T, nq), and which of them count."""
         here = solve_together(self.conditions, guess, samples)
         self.iterations += here.rounds * len(guess)
@@ -295,7 +293,7 @@ class Guide:
             self.steps += 1
             reached = self._step(now, t)
             if reached is not None:
-                self._h = t - now.t
+                self._h = max(t - now.t, self._h) if last else t - now.t  # the end may have cut it short
                 now = reached
                 if last:
                     return now

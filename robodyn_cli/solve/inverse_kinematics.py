@@ -19,7 +19,7 @@ from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik, TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.trajectories.motion import Asked, JointMotion, PointMotion, PoseMotion, in_frame
+from robodyn_cli.trajectories.motion import Asked, JointMotion, Near, PointMotion, PoseMotion, in_frame
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.newton import Drift
@@ -159,12 +159,16 @@ def target_of(
 
 @record
 class FollowedPath:
-    """Joint motion that follows a path, the method (``analytic`` or ``newton``), its iterations and steps."""
+    """Joint motion that follows a path, the method (``analytic`` or ``newton``), its iterations and steps.
+
+    near : solves it at other times, None where it has to be followed.
+    """
 
     motion: JointMotion
     method: str
     iterations: int = 0
     steps: int = 0
+    near: Near | None = None
 
 
 def follow_point(task: PathTask, times: Array, compile: Compile) -> FollowedPath:
@@ -244,11 +248,21 @@ def _by_newton(task: PathTask, times: Array, start: Array, compile: Compile) -> 
             key="trajectory.point",
         )
     follower = PathFollower(solver, task.asked, times)
-    motion = follower.run(start)
     given = [task.model.q_names.index(name) for name in task.led.columns]
-    if given:
-        motion.q[:, given] = task.asked(times).values[:, -len(given) :]  # without the rounding of the steps
-    return FollowedPath(motion, "newton", solver.iterations, follower.steps)
+
+    def exact(motion: JointMotion, follower: PathFollower) -> JointMotion:
+        if given:
+            motion.q[:, given] = follower.at_samples[0][:, -len(given) :]  # without the rounding of the steps
+        return motion
+
+    def near(times: Array, guess: Array) -> JointMotion | None:
+        follower = PathFollower(solver, task.asked, times)
+        motion = follower.near(guess)
+        return None if motion is None else exact(motion, follower)
+
+    motion = exact(follower.run(start), follower)
+    found = None if follower.one_by_one else near
+    return FollowedPath(motion, "newton", solver.iterations, follower.steps, found)
 
 
 def _check_options(task: PathTask) -> None:

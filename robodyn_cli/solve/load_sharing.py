@@ -86,21 +86,106 @@ def allowed_motions(psi: Array) -> tuple[Array, int]:
     ------
     LostRank : the rank is not the same at all samples.
     """
-    U, here, Vt = null_spaces(psi)
-    rank = int(here.max())
-    if np.any(here < rank):
-        sample = int(np.argmin(here))
-        raise LostRank("loops", sample, np.abs(U[sample][:, rank - 1]))
-    return np.swapaxes(Vt[:, rank:, :], 1, 2), rank
+    return _freedom(psi)[:2]
 
 
 def null_spaces(psi: Array) -> tuple[Array, NDArray[np.int64], Array]:
     """Return U (T, m, m), V^T (T, nv, nv) of Psi = U S V^T, and between them its ranks (T,)."""
+    return _decomposed(psi)[:3]
+
+
+def _decomposed(psi: Array) -> tuple[Array, NDArray[np.int64], Array, Array]:
+    """Return U, the ranks and V^T as of ``null_spaces``, and the singular values (T, min(m, nv))."""
     samples, m, nv = psi.shape
     if not m:
-        return np.zeros((samples, 0, 0)), np.zeros(samples, dtype=int), np.tile(np.eye(nv), (samples, 1, 1))
+        still = np.tile(np.eye(nv), (samples, 1, 1))
+        return np.zeros((samples, 0, 0)), np.zeros(samples, dtype=int), still, np.zeros((samples, 0))
     U, s, Vt = np.linalg.svd(psi, full_matrices=True)
-    return U, (s > RANK * s[:, :1]).sum(axis=1), Vt
+    return U, (s > RANK * s[:, :1]).sum(axis=1), Vt, s
+
+
+@record
+class Hold:
+    """How actuators and loops can share any load where a mechanism is: what depends on positions alone.
+
+    psi : (T, m, nv). columns : the actuated velocity coordinates. N : (T, nv, f). inverse : (N^T B)^+ (T, n, f), None
+    without freedom or actuators. loops : (Psi^T)^+ (T, m, nv). rank : of Psi. commanded : as of ``Shared``.
+    """
+
+    psi: Array
+    columns: list[int]
+    N: Array
+    inverse: Array | None
+    loops: Array
+    rank: int
+    commanded: int
+
+    @staticmethod
+    def of(psi: Array, actuated: Sequence[int]) -> Hold:
+        """Return it for Psi (T, m, nv) and actuated velocity coordinates.
+
+        Raises
+        ------
+        LostRank
+        """
+        N, rank, loops = _freedom(psi)
+        columns = list(actuated)
+        A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
+        if not N.shape[2] or not columns:
+            return Hold(psi, columns, N, None, loops, rank, 0)
+        U, s, Vt = np.linalg.svd(A, full_matrices=False)
+        held = (s > RANK).sum(axis=1)
+        commanded = int(held.max(initial=0))
+        if np.any(held < commanded):
+            sample = int(np.argmin(held))
+            weights = N[sample] @ np.linalg.svd(A[sample])[0][:, commanded - 1]
+            raise LostRank("actuators", sample, np.abs(weights))
+        if len(columns) == N.shape[2] == commanded and rank == psi.shape[1]:
+            _refuse_passing(psi, columns, A, N)
+        inverse = np.swapaxes(_inverse(U, s, Vt, commanded), 1, 2)
+        return Hold(psi, columns, N, inverse, loops, rank, commanded)
+
+    def share(self, needed: Mapping[str, Array]) -> Shared:
+        """Return how terms of u (T, nv) by name are shared.
+
+        Raises
+        ------
+        Unbalanced
+        """
+        samples, nv, freedom = self.N.shape
+        terms = {name: np.zeros((samples, nv), order="F") for name in needed}
+        if self.inverse is not None:
+            for name, u in needed.items():
+                free = np.einsum("tvf,tv->tf", self.N, u)
+                terms[name][:, self.columns] = np.einsum("taf,tf->ta", self.inverse, free)
+        total: Array = np.sum(list(needed.values()), axis=0)
+        rest = total - np.sum(list(terms.values()), axis=0)
+        lam = np.einsum("tmv,tv->tm", self.loops, rest)
+        left = rest - np.einsum("tmv,tm->tv", self.psi, lam)
+        residual = float(np.abs(left).max(initial=0.0))
+        commanded = self.commanded
+        if commanded < freedom and residual > FEASIBLE * float(np.abs([*needed.values()]).max(initial=0.0)):
+            sample = int(np.abs(left).max(axis=1).argmax())
+            raise Unbalanced(freedom, commanded, sample, left[sample])
+        unique = len(self.columns) <= commanded, self.rank == self.psi.shape[1]
+        return Shared(terms, lam, self.N, freedom, commanded, *unique, residual)
+
+
+def _freedom(psi: Array) -> tuple[Array, int, Array]:
+    """Return N and the rank as of ``allowed_motions``, and (Psi^T)^+ (T, m, nv)."""
+    U, ranks, Vt, s = _decomposed(psi)
+    rank = int(ranks.max())
+    if np.any(ranks < rank):
+        sample = int(np.argmin(ranks))
+        raise LostRank("loops", sample, np.abs(U[sample][:, rank - 1]))
+    N = np.swapaxes(Vt[:, rank:, :], 1, 2)
+    return N, rank, _inverse(U, s, Vt, rank)
+
+
+def _inverse(U: Array, s: Array, Vt: Array, rank: int) -> Array:
+    """Return the transpose (T, m, n) of the pseudo-inverse of U S V^T, of so many singular values."""
+    inverse: Array = (U[:, :, :rank] / s[:, None, :rank]) @ Vt[:, :rank]
+    return inverse
 
 
 def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> Shared:
@@ -114,37 +199,7 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
     ------
     Unbalanced, LostRank
     """
-    N, rank = allowed_motions(psi)
-    samples, nv, freedom = N.shape
-    columns = list(actuated)
-    A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
-    terms = {name: np.zeros((samples, nv), order="F") for name in needed}
-    commanded = 0
-    if freedom and columns:
-        U, s, _ = np.linalg.svd(A)
-        held = (s > RANK).sum(axis=1)
-        commanded = int(held.max(initial=0))
-        if np.any(held < commanded):
-            sample = int(np.argmin(held))
-            raise LostRank("actuators", sample, np.abs(N[sample] @ U[sample][:, commanded - 1]))
-        if len(columns) == freedom == commanded and rank == psi.shape[1]:
-            _refuse_passing(psi, columns, A, N)
-        inverse = np.linalg.pinv(A, rcond=RANK)
-        for name, u in needed.items():
-            free = np.einsum("tvf,tv->tf", N, u)
-            terms[name][:, columns] = np.einsum("taf,tf->ta", inverse, free)
-    total: Array = np.sum(list(needed.values()), axis=0)
-    rest = total - np.sum(list(terms.values()), axis=0)
-    m = psi.shape[1]
-    lam = np.zeros((samples, m))
-    if m:
-        lam = np.einsum("tmv,tv->tm", np.linalg.pinv(np.swapaxes(psi, 1, 2), rcond=RANK), rest)
-    left = rest - np.einsum("tmv,tm->tv", psi, lam)
-    residual = float(np.abs(left).max(initial=0.0))
-    if commanded < freedom and residual > FEASIBLE * float(np.abs([*needed.values()]).max(initial=0.0)):
-        sample = int(np.abs(left).max(axis=1).argmax())
-        raise Unbalanced(freedom, commanded, sample, left[sample])
-    return Shared(terms, lam, N, freedom, commanded, len(columns) <= commanded, rank == m, residual)
+    return Hold.of(psi, actuated).share(needed)
 
 
 def _refuse_passing(psi: Array, columns: list[int], A: Array, N: Array) -> None:

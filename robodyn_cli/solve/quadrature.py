@@ -93,11 +93,14 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
     others. What functions do at the rest is part of the errors of figures.
     """
     found = list(known)
+    taken = {math.floor(x) for x in found}  # intervals
     for x in places:
         inside = SPACED < x < samples - 1 - SPACED
-        if inside and all(abs(math.floor(x) - math.floor(other)) >= SPACED for other in found):
+        if inside and taken.isdisjoint(range(math.floor(x) - SPACED + 1, math.floor(x) + SPACED)):
             # a sample at a break may be that of either side, or of none: it stands alone
-            found += [round(x) * (1.0 - BESIDE), round(x) * (1.0 + BESIDE)] if abs(x - round(x)) < AT else [x]
+            new = [round(x) * (1.0 - BESIDE), round(x) * (1.0 + BESIDE)] if abs(x - round(x)) < AT else [x]
+            found += new
+            taken.update(math.floor(y) for y in new)
     return sorted(found)
 
 

@@ -14,7 +14,6 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
 from robodyn_cli.model.consistency import refuse_immovable
-from robodyn_cli.model.model import Model
 from robodyn_cli.observe.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -110,32 +109,6 @@ class OpenChain(InverseProgram):
 def _entries_of_mass_matrix(problem: Problem) -> Iterator[Scalar]:
     """Give the entries of M, which is built only if somebody asks: it grows with the square of the joints."""
     yield from problem.mass_matrix.flat
-
-
-def open_problem(source: sc.Scene | Model | Problem, task: str) -> Problem:
-    """Return the equations of an open chain.
-
-    Raises
-    ------
-    CapabilityError : it has loops or prescribed joints.
-    """
-    if isinstance(source, Model):
-        # every joint counts as actuated here, so torques and ``actuated`` do not matter
-        nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
-        source = Problem(nothing, model=source)
-    problem = source if isinstance(source, Problem) else Problem(source)
-    if problem.model.closures:
-        raise CapabilityError(
-            f"{task} as a function of independent samples exists for open chains only: closed loops and couplers (here "
-            f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
-            "`inverse` or `simulate`"
-        )
-    if problem.scene.prescribed:
-        name = next(iter(problem.scene.prescribed))
-        raise CapabilityError(
-            f"{task} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
-        )
-    return problem
 
 
 def _refuse_passive_joints(problem: Problem) -> None:

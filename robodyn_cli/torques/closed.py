@@ -5,7 +5,8 @@ Inverse dynamics of mechanisms with loops: actuator torques and multipliers that
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -25,8 +26,9 @@ from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import LostRank, Shared, Unbalanced, accelerations, share
+from robodyn_cli.solve.load_sharing import Hold, LostRank, Unbalanced, accelerations, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.dynamics import StateFunction
 from robodyn_cli.torques.program import AlongMotion, InverseProgram, LoopSamples, Sampled, expressions_of
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
@@ -54,15 +56,13 @@ def refuse_idle_gears(problem: Problem, driven: Sequence[int]) -> None:
             )
 
 
-def share_load(
-    problem: Problem, psi: Array, driven: Sequence[int], needed: Mapping[str, Array], times: Array, q: Array
-) -> Shared:
-    """Return torques and multipliers that bear a load (see ``solve.load_sharing.share``).
+@contextmanager
+def telling(problem: Problem, driven: Sequence[int], times: Array, q: Array) -> Iterator[None]:
+    """Tell what ``solve.load_sharing`` finds with names of joints and loops.
 
     Parameters
     ----------
-    psi : (T, m, nv) of the loops. driven : velocity coordinates with an actuator. needed : the load (T, nv) by name.
-    times, q : of the samples (T,), (T, nq), for messages.
+    driven : velocity coordinates with an actuator. times, q : of the samples (T,), (T, nq).
 
     Raises
     ------
@@ -70,7 +70,7 @@ def share_load(
     lose their hold at a sample.
     """
     try:
-        return share(psi, driven, needed)
+        yield
     except Unbalanced as lacking:
         when = f" at t = {float(times[lacking.sample]):.9g} s"
         raise unbalanced(problem, lacking, driven, PASSIVE, when) from None
@@ -162,6 +162,37 @@ def _loop_outputs(problem: Problem, rows: tuple[Row, ...]) -> Outputs:
     }
 
 
+class ClosedTorques:
+    """The actuators' torques (T, nv) of q, qd and qdd (T, n); how a load is shared is kept while q is the same array.
+
+    Gears with losses, and what depends on time, are left to others.
+    """
+
+    def __init__(self, program: ClosedLoops) -> None:
+        problem = program.problem
+        load = [sum(parts) for parts in zip(*program.terms.values())]
+        self.load = StateFunction(problem, ("q", "qd", "qdd"), {"load": load})
+        self.psi = StateFunction(problem, ("q",), {"psi": [list(row.psi) for row in program.rows]})
+        self.problem, self.driven = problem, velocity_places(problem.model, program.actuated)
+        self.last: tuple[Array, Hold] | None = None
+
+    def __call__(self, q: Array, qd: Array, qdd: Array) -> Array:
+        if self.last is None or self.last[0] is not q:
+            self.last = q, self.hold(q, np.zeros(len(q)))
+        with telling(self.problem, self.driven, np.zeros(len(q)), q):
+            return self.last[1].share({"load": self.load(q, qd, qdd)["load"]}).tau
+
+    def hold(self, q: Array, times: Array) -> Hold:
+        """Return how a load can be shared at q (T, nq); times (T,) : for messages.
+
+        Raises
+        ------
+        SingularConfigurationError : loops or actuators lose their hold.
+        """
+        with telling(self.problem, self.driven, times, q):
+            return Hold.of(self.psi(q)["psi"], self.driven)
+
+
 @record
 class ClosedLoops(InverseProgram):
     """Inverse dynamics of a mechanism.
@@ -189,7 +220,8 @@ class ClosedLoops(InverseProgram):
         arrays = function.along(times, motion, p)
         psi = arrays["psi"].reshape(len(times), len(self.rows), self.problem.model.nv)
         driven = velocity_places(self.problem.model, self.actuated)
-        shared = share_load(self.problem, psi, driven, self.loads(arrays), times, motion.q)
+        with telling(self.problem, driven, times, motion.q):
+            shared = share(psi, driven, self.loads(arrays))
         terms = dict(shared.terms)
         if geared(self.problem.model):
             lost = self._losses(self.loads(arrays), shared.tau, motion.qdd, motion.qd)

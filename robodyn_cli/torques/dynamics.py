@@ -19,7 +19,6 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
-from robodyn_cli.torques.build import open_problem
 
 if TYPE_CHECKING:
     from robodyn_cli.kernels.program import Program
@@ -29,6 +28,32 @@ if TYPE_CHECKING:
 GROUPS = {"q": "q", "qd": "v", "qdd": "a", "tau": "tau", LAMBDA: LAMBDA}
 OUT = "out"  # the output of a kernel
 LINE = 8  # numbers in a line of the cache, or in the widest vector
+
+
+def open_problem(source: sc.Scene | Model | Problem, task: str) -> Problem:
+    """Return the equations of an open chain.
+
+    Raises
+    ------
+    CapabilityError : it has loops or prescribed joints.
+    """
+    if isinstance(source, Model):
+        # every joint counts as actuated here, so torques and ``actuated`` do not matter
+        nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
+        source = Problem(nothing, model=source)
+    problem = source if isinstance(source, Problem) else Problem(source)
+    if problem.model.closures:
+        raise CapabilityError(
+            f"{task} as a function of independent samples exists for open chains only: closed loops and couplers (here "
+            f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
+            "`inverse` or `simulate`"
+        )
+    if problem.scene.prescribed:
+        name = next(iter(problem.scene.prescribed))
+        raise CapabilityError(
+            f"{task} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
+        )
+    return problem
 
 
 @record

@@ -7,7 +7,7 @@ the joints then). Times run from 0 to its ``duration``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,6 +27,10 @@ class JointMotion:
     q: Array
     qd: Array
     qdd: Array
+
+
+# the motion at times (T,) near positions (T, nq), None where it is not known to be that
+Near = Callable[[Array, Array], "JointMotion | None"]
 
 
 @record

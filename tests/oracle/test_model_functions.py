@@ -12,7 +12,7 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck.engines import InPinocchio
 from robodyn_cli.spatial.algebra import Array, matrix, vector
-from robodyn_cli.torques.build import open_problem
+from robodyn_cli.torques.dynamics import open_problem
 from robodyn_cli.works.functions.model import ModelFunctions
 from tests.identities.trees import State
 from tests.numeric import assert_close, first_derivative

@@ -23,8 +23,7 @@ from robodyn_cli.model.model import Body, FixedFrame
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, matrix, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
-from robodyn_cli.torques.build import open_problem
-from robodyn_cli.torques.dynamics import forward_problem, timeless
+from robodyn_cli.torques.dynamics import forward_problem, open_problem, timeless
 
 
 def frame_jacobian(problem: Problem, frame: FixedFrame) -> Matrix:
