@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.given.guided_motion import motion_along
+from robodyn_cli.given.along import motion_along
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
