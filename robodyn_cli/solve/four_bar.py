@@ -160,15 +160,11 @@ class FourBar:
     def dead_pose(self, pin: int, moved: float, fixed: int, outer: bool) -> Array | None:
         """Return the pins with the angle at a pin of the fixed link changed by ``moved``, to a dead point there.
 
-        None where nothing says how the links beyond it lie, or with a slide of another link than the fixed one.
+        None where nothing says how the links beyond it lie. With a slide the last one is the foot of its line.
         """
         n, pins = len(self.pins), self.pins.copy()
         if self.slide is not None:
-            if fixed != 3 or pin != 0:
-                return None
-            pins[1] = pins[0] + _turned(pins[1] - pins[0], moved)
-            pins[2] = pins[0] + self.offset * self.across + ((pins[1] - pins[0]) @ self.slide) * self.slide
-            return pins
+            return self._dead_with_slide(pin, moved, fixed)
         # the neighbour that moves, and the pin of the fixed link beyond ``pin``
         other, beyond, sign = (pin - 1, pin + 1, 1.0) if fixed == pin else (pin + 1, pin - 1, -1.0)
         other, beyond, last = other % n, beyond % n, (pin + 2) % n
@@ -181,6 +177,38 @@ class FourBar:
         pins[last] = pins[beyond] + (near if outer or near > far else -near) / size * way
         return pins
 
+    def _dead_with_slide(self, pin: int, moved: float, fixed: int) -> Array | None:
+        """Return the pins and the foot with a slide: the link that is fixed has its guide (3), or pins 0 and 1 (0)."""
+        assert self.slide is not None
+        pins, across = self.pins.copy(), self.across
+        if fixed == 3:  # link 1 is across the slide
+            pins[1] = pins[0] + _turned(pins[1] - pins[0], moved)
+            pins[2] = pins[0] + self.offset * across + ((pins[1] - pins[0]) @ self.slide) * self.slide
+        elif pin == 0:  # link 1 is across the slide, which has turned
+            across = _turned(across, -moved)
+            pins[2] = pins[1] + (self.offset - (pins[1] - pins[0]) @ across) * across
+        else:  # pin 2 is as near to pin 0 as the slide's line
+            pins[2] = pins[1] + _turned(pins[2] - pins[1], -moved)
+            if abs(self.offset) <= ROUNDED * float(self.lengths.sum()):
+                return None
+            across = (pins[2] - pins[0]) / self.offset
+        return np.vstack([pins, pins[0] + self.offset * across])
+
+    @property
+    def backwards(self) -> FourBar:
+        """The same chain with a slide, its pins counted from the other end: links 0 and 1, and 2 and 3, change."""
+        assert self.slide is not None
+        return FourBar(self.pins[::-1], -self.slide)
+
+    @property
+    def drawn(self) -> Array:
+        """The pins (4, 2), of a slide the foot of its line from pin 0 the last one."""
+        return (
+            self.pins
+            if self.slide is None
+            else np.vstack([self.pins, self.pins[0] + self.offset * self.across])
+        )
+
     def dead_slide(self, end: DeadPose) -> Array | None:
         """Return the pins with the slide in a dead point, both links in a line; None where that has no direction."""
         assert self.slide is not None
@@ -191,7 +219,7 @@ class FourBar:
         if size <= ROUNDED * float(a + b):
             return None
         pins[1] = pins[0] + (a if end.outer or a > b else -a) / size * way
-        return pins
+        return np.vstack([pins, self.drawn[3]])
 
 
 def _angle(first: Array, second: Array) -> float:

@@ -205,23 +205,25 @@ class ClosedChain:
         return ClosedChain(ring, links, bar, frame, int(np.argmin(depth)))
 
     def poses(self) -> Array:
-        """Return the pins in the world (n, 4, 3), and of a slide the foot of its line: now, and in dead points."""
-        flat = [self.bar.pins]
-        # with a slide the fixed link is that whose guide it is
-        fixed = self.ground
-        for pin in (fixed, (fixed + 1) % len(self.bar.pins)) if self.bar.slide is None else (0,):
-            theta, between = self.bar.at_pin(pin)
+        """Return the pins in the world (n, 4, 3), and of a slide the foot of its line: now, and in dead points.
+
+        With a slide they are counted so that the fixed link has its guide, or the first two of them.
+        """
+        bar, fixed = self.bar, self.ground
+        if bar.slide is not None and fixed in (1, 2):
+            bar, fixed = bar.backwards, (0, 3)[fixed - 1]
+        flat = [bar.drawn]
+        for pin in (fixed, (fixed + 1) % len(bar.pins)) if fixed != 3 or bar.slide is None else (0,):
+            theta, between = bar.at_pin(pin)
             for end in (between.low, between.high):
                 if end is not None:
-                    pose = self.bar.dead_pose(pin, end.value - theta, fixed, end.outer)
+                    pose = bar.dead_pose(pin, end.value - theta, fixed, end.outer)
                     flat += [] if pose is None else [pose]
-        if self.bar.slide is not None and fixed == 3:
-            _, between = self.bar.at_slide()
+        if bar.slide is not None and fixed == 3:
+            _, between = bar.at_slide()
             ends = (between.low, between.high)
-            flat += [x for end in ends if end is not None and (x := self.bar.dead_slide(end)) is not None]
+            flat += [x for end in ends if end is not None and (x := bar.dead_slide(end)) is not None]
         origin, axes = self.frame
-        if self.bar.slide is not None:
-            flat = [np.vstack([x, self.bar.pins[0] + self.bar.offset * self.bar.across]) for x in flat]
         return np.array([origin + x @ axes[:, :2].T for x in flat])
 
     def described(

@@ -15,6 +15,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.over.checks import kinematics as check
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.four_bar import FourBar
 from robodyn_cli.works.kinematics import kinematics
 from tests.mechanisms import SIX_BAR, close
 
@@ -257,6 +258,40 @@ kinematics: {{samples: 11, sweep: {{joint: crank, start: 1.0, stop: 1.01}}, desi
             assert (found["joints"]["slot"]["lower"], found["joints"]["slot"]["upper"]) == pytest.approx(
                 swing
             )
+            drawn = run(text.format(d=d, psi=psi))["four_bars/ring"][:, :, :2]
+            assert len(drawn) == 3  # the arm is across the slot
+            angles = [math.atan2(y, x) % (2 * math.pi) for x, y in drawn[1:, 2] - [d, 0.0]]
+            assert sorted(angles) == pytest.approx(sorted(swing))
+
+
+@settings(max_examples=12, deadline=None, phases=PHASES)
+@given(st.integers(0, 10**6), st.sampled_from([0, 3]), st.booleans())
+def test_drawn_dead_points_of_chains_with_a_slide(seed: int, fixed: int, backwards: bool) -> None:
+    """Links keep their lengths and the slide's line its distance; link 1 is across the slide, both links are in a line,
+    or pin 2 is as near to pin 0 as that line."""
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=2)
+    bar = FourBar(rng.normal(size=(3, 2)), way / np.linalg.norm(way))
+    bar = bar.backwards if backwards else bar
+    (a, b), e = bar.lengths, abs(bar.offset)
+    for pin in (0,) if fixed == 3 else (0, 1):
+        theta, between = bar.at_pin(pin)
+        for end in (between.low, between.high):
+            pose = None if end is None else bar.dead_pose(pin, end.value - theta, fixed, end.outer)
+            if pose is None:
+                continue
+            first, second, slider, foot = pose
+            assert np.linalg.norm(second - first) == pytest.approx(a)
+            assert np.linalg.norm(slider - second) == pytest.approx(b)
+            assert np.linalg.norm(foot - first) == pytest.approx(e)
+            assert (slider - foot) @ (foot - first) == pytest.approx(0.0, abs=1e-6)
+            np.testing.assert_allclose(
+                pose[:1] if fixed == 3 else pose[:2], bar.pins[: 1 if fixed == 3 else 2]
+            )
+            if pin == 1:
+                assert np.linalg.norm(slider - first) == pytest.approx(e)
+            else:
+                assert (slider - second) @ (slider - foot) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_six_bar_has_its_four_bars() -> None:

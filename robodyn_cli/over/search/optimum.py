@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.over.search.cones import cone_of, off_cone
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes
 from robodyn_cli.over.search.solve import CORNER, INSIDE, ScaledSearch, SolverWay
 from robodyn_cli.record import record
@@ -84,7 +85,7 @@ class Curvatures:
     H : second derivatives (n, n), and their error; nan where they are not known. Along each key (n,): beside, the mean
     of the goal on both sides; turn, the change of its derivative from one to the other, over the step, which is twice
     as large as the rise that a parabola has there, and as large as that at a corner; lowest, where the tangents from
-    both sides meet, and slope, the lesser of theirs.
+    both sides meet. cone : what ``cone_of`` gives (n, n).
     """
 
     H: Array
@@ -92,18 +93,18 @@ class Curvatures:
     beside: Array
     turn: Array
     lowest: Array
-    slope: Array
+    cone: Array
 
     def corners(self, value: float) -> NDArray[np.bool_]:
         """Tell along which keys (n,) the goal, which has a value at the place, has a corner and no parabola."""
         rise = self.beside - value
-        return np.asarray(rise > CORNERED * np.abs(self.turn)) & np.isfinite(self.slope)
+        return np.asarray(rise > CORNERED * np.abs(self.turn)) & np.isfinite(self.lowest)
 
     @staticmethod
     def unknown(n: int) -> Curvatures:
         """Return those of n keys of which nothing is known."""
-        nothing = np.full(n, np.nan)
-        return Curvatures(np.full((n, n), np.nan), np.nan, nothing, nothing, nothing, nothing)
+        nothing, more = np.full(n, np.nan), np.full((n, n), np.nan)
+        return Curvatures(more, np.nan, nothing, nothing, nothing, more)
 
 
 @record
@@ -112,7 +113,8 @@ class Optimum:
 
     J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. off : how
     far each u may be off, and short : by how much a goal nearby may be better, nan where that is not known. free : keys
-    that targets do not determine: runs beside the point meet them too.
+    that targets do not determine: runs beside the point meet them too. corner : whether the goal has one there, and
+    rises from it along each key.
     """
 
     point: DesignPoint
@@ -125,6 +127,7 @@ class Optimum:
     off: Array
     short: float
     free: NDArray[np.bool_]
+    corner: bool = False
 
     @property
     def left(self) -> float:
@@ -182,8 +185,12 @@ class Examiner:
             step, off = self._last_step(point, J_error, sides, curved)
             known_off = np.isfinite(off).all()
             short = self._short(point, sides, curved, off) if known_off else np.nan
+        value = scaled.objective(point.y) - float(sides.prices @ sides.room)
+        corner = bool(
+            np.isfinite(off).all() and curved.corners(value)[~sides.held].all() and not sides.held.all()
+        )
         at_low, at_high = u <= AT_BOUND, u >= 1.0 - AT_BOUND
-        return Optimum(point, J, J_error, at_low, at_high, sides, curved, off, short, free), step
+        return Optimum(point, J, J_error, at_low, at_high, sides, curved, off, short, free, corner), step
 
     def _before(self, J: Array, J_error: Array) -> Array:
         """Return derivatives (n, len(u)), where errors hide them those of the last point before.
@@ -249,11 +256,14 @@ class Examiner:
         f, g = np.array(values).reshape(n, 2), np.array(gradients).reshape(n, 2, n)
         H = (g[:, 0] - g[:, 1]) / (2.0 * step)
         right, left = (np.diagonal(g[:, side]) for side in (0, 1))
-        meet = (f[:, 1] - f[:, 0] + step * (right + left)) / np.where(right != left, right - left, np.nan)
+        meet = (f[:, 1] - f[:, 0] + step * (right + left)) / np.where(
+            right * left < 0.0, right - left, np.nan
+        )
+        lowest = f[:, 0] + right * (meet - step)
+        level = max((x for x in lowest.tolist() if np.isfinite(x)), default=np.nan)
         return Curvatures(
             0.5 * (H + H.T), max(errors) / step + float(np.abs(H - H.T).max()), f.mean(axis=1),
-            0.5 * step * (right - left), f[:, 0] + right * (meet - step),
-            np.where(right * left < 0.0, np.minimum(abs(right), abs(left)), np.nan),
+            0.5 * step * (right - left), lowest, cone_of(f - level, g, step),
         )  # fmt: skip
 
     def _inside(self, point: DesignPoint, sides: BoundSides) -> Array:
@@ -307,10 +317,10 @@ class Examiner:
         bends = bending(H, free, A)
         value = scaled.objective(point.y) - float(sides.prices @ sides.room)
         if (curved.corners(value) & free).any():  # a magnitude that is zero, which rises on all sides
-            own = (
-                np.abs(value - curved.lowest) + np.nan_to_num(point.error / scaled.sizes).max()
-            ) / curved.slope
-            return None, np.where(free, own, 0.0)
+            above = np.abs(value - curved.lowest[curved.corners(value) & free]).max()
+            above += np.nan_to_num(point.error / scaled.sizes).max()
+            off[free] = off_cone(curved.cone[np.ix_(free, free)], float(above))
+            return None, off
         if np.abs(step).max(initial=0.0) > LARGEST_MOVE or (len(bends) and not bends.min() > 0.0):
             return None, np.where(free, np.nan, 0.0)
         return step, off

@@ -262,7 +262,9 @@ def _proof(ended: EndedSearch, same: int) -> SearchProof:
     if len(bends):
         known |= {"second_order": float(bends.min()), "second_order_error": optimum.curved.H_error}
     text = f"{_first(optimum, error)}, {_second(optimum, bends)}"
-    if (
+    if optimum.corner:
+        text = "the goal has a corner here, as a magnitude that is zero has, and rises from it along each key"
+    elif (
         len(bends)
         and optimum.left <= error
         and np.abs(bends).max() <= optimum.curved.H_error

@@ -79,9 +79,8 @@ def four_bars(result: Result) -> Any:
             drawn = ax.plot(*ring.T, markerfacecolor="white", zorder=3 if k == 0 else 2, **look)
             handles = [*drawn, *handles[-1:]] if k == 0 else drawn
         if slides:
-            foot, ends = data[0, 3], data[:, 2]
-            line = np.vstack([foot, ends])
-            ax.plot(*line.T, color=style.GREY, linewidth=0.8, linestyle=(0, (5, 3)), zorder=1)
+            for pose in data:  # the slide's line, which turns where its guide does
+                ax.plot(*pose[3:1:-1].T, color=style.GREY, linewidth=0.8, linestyle=(0, (5, 3)), zorder=1)
         ax.margins(0.06)
         _true_lengths(ax, axes)
     if len(handles) == 1:  # no joint on the fixed link has a dead point
