@@ -74,7 +74,12 @@ class Keyword:
         if given is None and self.optional:
             return None
         try:
-            return [self._one(x) for x in self._items(given)] if self.many else self._one(given)
+            if not self.many:
+                return self._one(given)
+            values = [self._one(x) for x in self._items(given)]
+            if self.is_argument and self.is_required and not values:
+                raise SceneError(f"nothing is given; allowed: {self.form}")
+            return values
         except typer.BadParameter as error:
             raise SceneError(f"{self.name}: {error.message}") from None
         except SceneError as error:
@@ -113,7 +118,8 @@ class Keyword:
                 raise SceneError(f"{shown(given)}; allowed: True or False")
             return given
         if self.kind is Path:
-            return _path(given)
+            path = _path(given)
+            return path if self.info.parser is None else self.info.parser(str(path))
         word = self._joined(given)
         if self.info.parser is not None:
             return self.info.parser(word)

@@ -225,9 +225,97 @@ def _study(result: Result, summary: Summary) -> list[Table]:
     return [Table(head, rows)]
 
 
+def _search(result: Result, summary: Summary) -> list[Table]:
+    """Return the values that were found and what comes of them."""
+    keys = [
+        [
+            name,
+            figure(key["value"], key["uncertainty"], key["unit"]),
+            str(key.get("choices") or key["bounds"]) + (f" ({key['at']})" if "at" in key else ""),
+        ]
+        for name, key in summary.get("keys", {}).items()
+    ]
+    limits = summary.get("limits", {})
+    outputs = [
+        [
+            name,
+            figure(found["value"], found["error"], found["unit"]),
+            str(found.get("target") or _at(limits, name, "limit") or summary["goal"].partition(" ")[0]),
+        ]
+        for name, found in summary.get("figures", {}).items()
+    ]
+    return [Table(("key", "value", "bounds"), keys), Table(("output", "value", "asked for"), outputs)]
+
+
+def _slopes(result: Result, summary: Summary) -> list[Table]:
+    """Return the derivatives of each output, the weightiest first."""
+    return [
+        Table(
+            (f"d {output} by", "derivative", "normalised"),
+            [
+                [key, figure(one["derivative"], one["error"], one["unit"]), figure(one["normalised"])]
+                for key, one in slopes.items()
+            ],
+        )
+        for output, slopes in summary.get("sensitivities", {}).items()
+    ]
+
+
+def _modes(result: Result, summary: Summary) -> list[Table]:
+    """Return the poles, an error beside each."""
+    rows = []
+    for mode in summary.get("modes", ()):
+        beside = f" ± {mode['imaginary']:.6g}i" if mode["imaginary"] else ""
+        pole = f"{mode['real']:.6g}{beside} 1/s"
+        off = rounded_up(mode["error"], 1) if _is_number(mode["error"]) else None
+        rows.append([pole, "-" if off is None else f"{off:.1g} 1/s", figure(mode["damping"])])
+    return [Table(("pole", "off by", "damping"), rows)]
+
+
+def _crosschecked(result: Result, summary: Summary) -> list[Table]:
+    """Return the largest differences beside the errors of both; of an engine at its own settings the gaps."""
+    rows = [
+        [one["quantity"], f"{one['difference']:.2g}", _off(one["our_error"]), _off(one["their_error"])]
+        for one in summary.get("compared", ())
+    ]
+    gaps = [
+        [one["closure"], f"{one['largest']:.3g} {one['unit']}", _off(one["here"])]
+        for one in summary.get("closures", ())
+    ]
+    head = ("quantity", "largest difference", "error here", f"error in {summary.get('engine')}")
+    return [Table(head, rows), Table(("gap", f"in {summary.get('engine')}", "here"), gaps)]
+
+
+def _best(result: Result, summary: Summary) -> list[Table]:
+    """Return the fastest method at each level of error."""
+    rows = [
+        [f"{one['level']:.0e}", one["method"], _off(one["error"]), f"{1e3 * one['run_time_s']:.3g} ms"]
+        for one in summary.get("best", ())
+    ]
+    return [Table(("error below", "best method", "error", "time"), rows)]
+
+
+def _trials(result: Result, summary: Summary) -> list[Table]:
+    """Return what each method makes of a scene; of a suite the verdicts."""
+    cases = [[case["name"], "ok" if case["holds"] else "missed"] for case in summary.get("cases", ())]
+    tried = summary.get("methods", ()) if not cases else ()
+    rows = [[one["method"], one["status"].replace("_", " "), _off(one["relative"])] for one in tried]
+    return [Table(("method", "status", "error / range"), rows), Table(("case", "verdict"), cases)]
+
+
+def _off(error: float | None) -> str:
+    return f"{rounded_up(error):.2g}" if error is not None and _is_number(error) else "-"
+
+
 # tables that are more than the columns of their records
 TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {
     "simulate": _motion,
     "deploy": _motion,
     "sweep": _study,
+    "optimise": _search,
+    "sensitivity": _slopes,
+    "linearise": _modes,
+    "crosscheck": _crosschecked,
+    "work-precision": _best,
+    "stability": _trials,
 }

@@ -13,6 +13,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+import robodyn
 from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, simulate, statics
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.figures import figure, notes, tables
@@ -145,3 +146,30 @@ def test_plots_show_themselves_and_can_be_stored(tmp_path: Path) -> None:
     assert (tmp_path / "torques.svg").stat().st_size > 1000
     with pytest.raises(CapabilityError, match=r"no plot 'torque' of this result; possible: .*torques"):
         result.plot("torque")
+
+
+ASKED: dict[str, Any] = {
+    "optimise": lambda: robodyn.optimise(CONFIGS / "search" / "spring_balance.yaml", starts=1, jobs=1),
+    "sensitivity": lambda: robodyn.sensitivity(
+        CONFIGS / "2r_circle.yaml", to="robot.links.link2.mass", of="peak_torque.theta1", jobs=1
+    ),
+    "linearise": lambda: robodyn.linearise(CONFIGS / "double_pendulum.yaml", at="balance"),
+    "crosscheck": lambda: robodyn.crosscheck(CONFIGS / "2r_circle.yaml", with_="pinocchio"),
+}
+# what a row of each says: a value with its error
+ROWS = {
+    "optimise": ("forces.spring.stiffness", r"122\.625 ± \S+e-\d+ N/m"),
+    "sensitivity": ("robot.links.link2.mass", r"9\.9428789\d* ± \S+e-\d+ N m/kg"),
+    "linearise": ("0 ± 2.6271i 1/s", r"\S+e-1\d 1/s"),
+    "crosscheck": ("tau", r"\S+e-\d+"),
+}
+
+
+@pytest.mark.parametrize("command", ASKED)
+def test_what_asks_commands_shows_its_figures(command: str) -> None:
+    if command == "crosscheck":
+        pytest.importorskip("pinocchio")
+    page = Page(ASKED[command]()._repr_html_())
+    name, value = ROWS[command]
+    (row,) = [row for row in page.rows if row[0] == name]
+    assert re.fullmatch(value, row[1]), row
