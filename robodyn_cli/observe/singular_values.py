@@ -51,8 +51,17 @@ class LeastNorm:
     def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
         self.problem = problem
         self.rank = len(problem.independent_rows.rows)
-        self.joints = [joint.v for joint in problem.contact_joints]
-        held = {"hold": [joint.hold for joint in problem.contact_joints]} if self.joints else {}
+        contacts, latches = problem.contact_joints, [latch for latch in problem.latches if latch.rigid]
+        # what is held while a parameter is 1: rows (n, nv), and the coordinates whose own these are
+        self.held = len(contacts) + len(latches)
+        self.joints: list[int | None] = [x.v for x in (*contacts, *latches)]
+        own = [row for joint in contacts for row in np.eye(problem.model.nv)[joint.v].tolist()]
+        held = {
+            "hold": [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)],
+            "held": [*own, *(x for latch in latches for x in latch.psi)],
+            "held_gamma": [*[0.0] * len(contacts), *(latch.gamma for latch in latches)],
+        }
+        held = held if self.held else {}
         self.function = SampleKernel({**equations_of(problem), **held, **(more or {})}, STATE_GROUPS)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
@@ -62,21 +71,22 @@ class LeastNorm:
         psi = self._psi(values)
         M = values.pop("M").reshape(samples, nv, nv)
         f, gamma, m = values.pop("f"), values.pop("gamma"), psi.shape[1]
-        if self.joints:  # those that are held have rows of their own
-            hold = values.pop("hold")
-            own = hold[..., None] * np.eye(nv)[self.joints]
-            psi, gamma = np.concatenate([psi, own], axis=1), np.concatenate([gamma, 0.0 * hold], axis=1)
+        if self.held:  # they have rows of their own
+            hold, own = values.pop("hold"), values.pop("held").reshape(samples, self.held, nv)
+            psi = np.concatenate([psi, hold[..., None] * own], axis=1)
+            gamma = np.concatenate([gamma, hold * values.pop("held_gamma")], axis=1)
         L = np.linalg.cholesky(M)
         Y = np.linalg.solve(L, np.swapaxes(psi, 1, 2))
         b = np.linalg.solve(L, f[..., None])
         rhs = -(gamma[..., None] + np.swapaxes(Y, 1, 2) @ b)
-        _, S, Qt = self._leading(Y, self.rank + len(self.joints))
+        _, S, Qt = self._leading(Y, self.rank + self.held)
         Q = np.swapaxes(Qt, 1, 2)
         lam = Q @ (S[..., None] ** 2 * (Qt @ rhs))
         values["lam"] = lam[:, :m, 0]
         values["qdd"] = np.linalg.solve(np.swapaxes(L, 1, 2), b + Y @ lam)[..., 0]
-        if self.joints:
-            values["qdd"][:, self.joints] *= 1.0 - hold
+        for k, joint in enumerate(self.joints):
+            if joint is not None:
+                values["qdd"][:, joint] *= 1.0 - hold[:, k]
         for i in self.problem.constraints.prescribed if "tau" in values else ():
             values["tau"] = values["tau"] + psi[:, i] * values["lam"][:, i, None]
         return values

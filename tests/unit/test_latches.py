@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -619,3 +620,42 @@ def test_arrays_in_step_go_on_from_their_locks(tmp_path: Path) -> None:
     on = [f"initial.from={tmp_path}", "deploy.until=end", "expect={}", "simulate.duration=20"]
     result = deploy(load_scene(path, on))
     assert result.status == "locked" and float(np.abs(result["qd"]).max()) < 1e-9
+
+
+REDUNDANT = """
+schema: 1
+command: deploy
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1], spring: {stiffness: 3, rest: 20 deg}, damper: {damping: 0.3}}
+    - name: b
+      type: revolute
+      axis: [0, 0, 1]
+      origin: {xyz: [1, 0, 0]}
+      spring: {stiffness: 2, rest: -20 deg}
+  links:
+    - {name: one, mass: 4, com: [0.5, 0, 0], inertia: {zz: 0.34}}
+    - {name: two, mass: 4, com: [0.5, 0, 0], inertia: {zz: 0.34}}
+couplers: [{name: c1, terms: {a: 2, b: 1}}, {name: c2, terms: {a: 1, b: 0.5}}]
+initial: {q: {a: -90 deg}, hold: [a]}
+simulate: {duration: 4, samples: 81}
+outputs: {reactions: true, extremes: [qdd.a]}
+deploy: {until: end, latches: [{name: latch, joint: a, at: 0}]}
+"""
+
+
+def test_a_latched_structure_with_redundant_rows_has_no_acceleration() -> None:
+    """What the latch holds counts in the multipliers of least norm: the structure at rest pulls at nothing, and the
+    couplers share the torque of the second spring, x + y / 2 = k r, along the coefficients of their rows."""
+    result = deploy(load_scene_text(REDUNDANT))
+    after = result.time > result.summary["locks"]["latch"]["time"] + 1e-6
+    assert after.sum() > 20
+    np.testing.assert_allclose(result["qdd"][after], 0.0, atol=1e-12)
+    np.testing.assert_allclose(result["base_wrench"][after], 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        result["constraints/multipliers"][after] @ [1.0, 0.5], 2 * math.radians(20), rtol=1e-9
+    )
+    load = -(3 * math.radians(20) + 4 * math.radians(20))
+    np.testing.assert_allclose(result["latch_loads"][after, 0], load, rtol=1e-9)
+    assert abs(result.summary["extremes"]["qdd.a"]["final"]) <= 1e-12
