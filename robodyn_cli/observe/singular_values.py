@@ -54,7 +54,7 @@ class LeastNorm:
         contacts, latches = problem.contact_joints, [latch for latch in problem.latches if latch.rigid]
         # what is held while a parameter is 1: rows (n, nv), and the coordinates whose own these are
         self.held = len(contacts) + len(latches)
-        self.joints: list[int | None] = [x.v for x in (*contacts, *latches)]
+        self.joints = [*(joint.v for joint in contacts), *(latch.v for latch in latches)]
         own = [row for joint in contacts for row in np.eye(problem.model.nv)[joint.v].tolist()]
         held = {
             "hold": [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)],
