@@ -165,6 +165,7 @@ FORMATS = {"urdf+": "scene.urdf", "extended-urdf": "scene.urdf", "mjcf": "scene.
 ON_SCENES: dict[str, tuple[str, ...]] = {
     "info": ("--no-plots",),
     "plan": (),
+    "equations": ("--sympy",),
     "size": ("--no-plots",),
     "stability": ("--no-plots", "--quick"),
     "work-precision": ("--no-plots", "--methods", "gauss,dop853", "--tolerances", "1e-6", "--repeats", "1"),

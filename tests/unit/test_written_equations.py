@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import types
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from robodyn_cli.works.equations.python import sympy_of
 from robodyn_cli.works.equations.report import equations, written_of
 from robodyn_cli.works.equations.terms import terms_of
 from robodyn_cli.works.equations.text import WIDTH, TextForm, columns, text_of
-from robodyn_cli.works.equations.tree import EquationFormula
+from robodyn_cli.works.equations.tree import LONGEST, EquationFormula
 from robodyn_cli.works.equations.written import Written, written
 from robodyn_cli.works.functions.model import ModelFunctions
 from tests.exported_robots import random_q, random_robot, scene_of
@@ -338,6 +338,39 @@ def test_a_table_is_a_function(odd: Family) -> None:
     assert at == pytest.approx([0, 0.5, 1.75, 4])
 
 
+def nodes(w: Written) -> Iterator[EquationFormula]:
+    """Yield all parts of all formulas."""
+    pending = [x for term in w.terms for row in term.rows for x in row] + [x for _, x in w.where]
+    while pending:
+        yield (x := pending.pop())
+        pending += x.args
+
+
+GEAR = """
+schema: 1
+gravity: [0, -9.81, 0]
+command: inverse
+robot:
+  joints:
+    - {name: theta, type: revolute, axis: [0, 0, 1], gear_ratio: 10, rotor_inertia: 0.001, gear: {efficiency: 0.8},
+       friction: {viscous: 0.1, coulomb: 0.2}}
+  links: [{name: a, mass: 1, com: [0.3, 0, 0], inertia: {zz: 0.01}}]
+trajectory: {type: joint, duration: 1, q: {theta: "sin(2*t)"}}
+"""
+
+
+def test_losses_of_gears_follow_from_the_load(tmp_path: Path) -> None:
+    """With a given motion they are part of the equations, and alternatives that are long have names."""
+    path = tmp_path / "gear.yaml"
+    path.write_text(GEAR)
+    w = written_of(Family(path))
+    for seed in range(4):
+        compare(w, seed)
+    assert w.forces == ["friction", "gear"] and not w.source.notes
+    choices = [x for x in nodes(w) if x.op == "where"]
+    assert choices and all(a.leaves <= LONGEST for x in choices for a in x.args)
+
+
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX here")
 def test_the_document_compiles(odd: Family, tmp_path: Path) -> None:
     for k, family in enumerate((odd, Family(CONFIGS / "four_bar_deploy.yaml"))):
@@ -376,9 +409,6 @@ def test_roots_are_written_as_roots(value: float) -> None:
 def test_formulas_have_names_only_of_symbols() -> None:
     """Every leaf is a number or a symbol, and no symbol of the graph is without a name."""
     w = written_of(Family(CONFIGS / "four_bar_deploy.yaml"))
-    pending: list[EquationFormula] = [x for term in w.terms for row in term.rows for x in row]
-    while pending:
-        x = pending.pop()
-        pending += x.args
+    for x in nodes(w):
         assert x.args or x.op in ("name", "number")
     assert not isinstance(w.terms[0].rows[0][0], Expr)

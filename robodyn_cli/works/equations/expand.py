@@ -125,9 +125,10 @@ class ExpandedFormulas:
         """Return a function of expanded arguments as one name."""
         if all(set(a) <= {ONE} for a in args) and op in NUMERIC:
             return constant(NUMERIC[op](*[a.get(ONE, 0.0) for a in args]))
-        made = self._short_of(
-            EquationFormula("power" if op == "pow" else op, tuple(self.formula(a) for a in args), value)
-        )
+        inside = [self.formula(a) for a in args]
+        if op == "where":  # which is written on one line
+            inside = [self._short_of(a) for a in inside]
+        made = self._short_of(EquationFormula("power" if op == "pow" else op, tuple(inside), value))
         is_number = all(self._is_number(a) for a in args)
         return {(((self._atom(made, is_number), 1),), None): 1.0}
 
