@@ -207,7 +207,7 @@ def _worst(
     times: Array | None,
 ) -> Difference:
     """Return how two datasets of one shape differ; ``times`` : of their rows [s], where they have some."""
-    a, b = actual.data, expected.data
+    a, b = np.atleast_1d(actual.data), np.atleast_1d(expected.data)  # one number is a row of one
     if not a.size:
         return Difference(path, "equal")
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):

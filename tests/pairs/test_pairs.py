@@ -134,6 +134,7 @@ def test_other_commands_take_the_scenes(tmp_path: Path) -> None:
         names = (
             "info",
             "plan",
+            "equations",
             "crosscheck",
             "sensitivity",
             "check",

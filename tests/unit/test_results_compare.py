@@ -65,6 +65,16 @@ def test_what_cannot_be_compared_says_why() -> None:
     ]
 
 
+def test_datasets_of_one_number() -> None:
+    a, b = Result("x", "", "ok", ""), Result("x", "", "ok", "")
+    for result in (a, b):
+        result.add("control/period", 0.01)
+    assert compare(a, b, rtol=0.0, atol=0.0).agrees
+    b.variables["control/period"].data = np.array(0.02)
+    found = compare(a, b)
+    assert not found.agrees and found.differences[0].error == pytest.approx(0.01)
+
+
 def test_numbers_that_are_none() -> None:
     a, b = Result("x", "", "ok", ""), Result("x", "", "ok", "")
     for result in (a, b):
