@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
-from robodyn_cli.cli.keywords import OVERRIDES, RESULTS, SCENES, Keyword, keywords, own_keywords
+from robodyn_cli.cli.keywords import OVERRIDES, RESULTS, SCENES, Keyword, gives_result, keywords, own_keywords
 from robodyn_cli.commands import COMMANDS, python_name
 
 STUB = Path(__file__).parents[1] / "robodyn" / "__init__.pyi"
@@ -77,7 +77,7 @@ def declared(command: str) -> str:
     ]
     options += [f"    {p.name}: {ANY} = {p.default!r}," for p in own_keywords(command)]
     options.append("    progress: _Progress | None = None,")
-    found = "Result" if COMMANDS[command].plots else "Report"
+    found = "Result" if gives_result(command) else "Report"
     lines = [f"def {python_name(command)}(", *arguments, "    *,", *options, f") -> {found}:"]
     return "\n".join([*lines, f'    """{COMMANDS[command].help}"""', ""])
 

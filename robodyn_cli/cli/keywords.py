@@ -14,7 +14,7 @@ from typing import Any
 import typer.models
 
 from robodyn_cli.cli.options import with_shared
-from robodyn_cli.commands import python_name
+from robodyn_cli.commands import COMMANDS, python_name
 from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -205,6 +205,12 @@ def module_of(command: str) -> Any:
 
 def declared(command: str) -> Callable[..., int]:
     return with_shared(module_of(command).command)
+
+
+def gives_result(command: str) -> bool:
+    """Tell whether a command finds a result, which can be drawn, or a report."""
+    row = COMMANDS[command]
+    return bool(row.run or row.plots)
 
 
 def own_keywords(command: str) -> tuple[inspect.Parameter, ...]:

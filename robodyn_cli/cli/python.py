@@ -18,7 +18,15 @@ from pathlib import Path
 from typing import Any
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.keywords import OF_TERMINALS, Keyword, declared, keywords, module_of, own_keywords
+from robodyn_cli.cli.keywords import (
+    OF_TERMINALS,
+    Keyword,
+    declared,
+    gives_result,
+    keywords,
+    module_of,
+    own_keywords,
+)
 from robodyn_cli.commands import COMMANDS, python_name
 from robodyn_cli.errors import (
     RobodynError,
@@ -229,7 +237,7 @@ def described(command: str) -> str:
     lines += [f"{one.name} : {one.meaning}" for one in keywords(command)]
     lines += [f"{parameter.name} : see docs/python.md" for parameter in own_keywords(command)]
     lines.append("progress : Function that is told how far a long run has come, and of how much.")
-    returns = "A Result." if COMMANDS[command].plots else "A Report."
+    returns = "A Result." if gives_result(command) else "A Report."
     return "\n".join(
         [
             *lines,

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs" / "adding").glob("*.md"))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 FILE = re.compile(r"(?:Write|[Ii]n)\b[^`]*`([\w/.]+\.\w+)`")  # the paragraph above a block names its file
-TREE = ("robodyn_cli", "tests", "docs", "configs")
+TREE = ("robodyn", "robodyn_cli", "tests", "docs", "configs")
 
 
 def steps(page: str) -> Iterator[tuple[str, str, str]]:
