@@ -1,7 +1,7 @@
 """robodyn: inverse dynamics and simulation of robots and closed-loop mechanisms described in YAML.
 
-The package ``robodyn`` has each command as a function with the words of its command line. Here are functions of loaded scenes,
-which they call, imported when used:
+The package ``robodyn`` has each command as a function with the words of its command line. Here are functions of loaded
+scenes, which they call, imported when used:
 
 >>> from robodyn_cli import load_scene, simulate
 >>> result = simulate(load_scene("configs/double_pendulum.yaml"))
