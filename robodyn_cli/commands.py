@@ -126,6 +126,7 @@ COMMANDS: dict[str, Command] = {
         summary=(
             "motion:MotionSummary",
             "control:ControlKeys",
+            "response:ResponseKeys",
             "drives:DriveKeys",
             "drives:MotorisationKeys",
             "extremes:RunExtremes",
@@ -155,6 +156,7 @@ COMMANDS: dict[str, Command] = {
         summary=(
             "motion:MotionSummary",
             "control:ControlKeys",
+            "response:ResponseKeys",
             "deploy:DeploySummary",
             "extremes:RunExtremes",
             "drives:MotorisationKeys",

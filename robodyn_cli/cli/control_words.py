@@ -26,6 +26,35 @@ def control_lines(control: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def response_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return how what the controller leads goes to where it is to be, where that is asked for."""
+    found = summary.get("response")
+    if not found:
+        return []
+    figures = (
+        ("step", "step", 1.0),
+        ("rise", "rise [s]", 1.0),
+        ("overshoot", "overshoot [%]", 100.0),
+        ("settling", "settles [s]", 1.0),
+        ("final_error", "final error", 1.0),
+        ("effort", "effort", 1.0),
+        ("energy", "energy [J]", 1.0),
+    )
+    rows = [["response", "", *(head for _, head, _ in figures)]]
+    for name, own in list(found.items())[:MOST_ROWS]:
+        cells = [_with_error(own, key, factor) for key, _, factor in figures]
+        rows.append([name, f"[{own['unit']}]", *cells])
+    more = f"\n  ... and {len(found) - MOST_ROWS} more in summary.json" if len(found) > MOST_ROWS else ""
+    return [table(rows) + more, ""]
+
+
+def _with_error(of: Mapping[str, Any], key: str, factor: float) -> str:
+    value, error = of.get(key), of["errors"].get(key)
+    if value is None:
+        return "-"
+    return number(value * factor) + ("" if error is None else f" +- {error_text(error * factor)}")
+
+
 def _design_lines(control: Mapping[str, Any]) -> list[str]:
     """Return the gains, the poles of the loop, and the pose that a regulator is made for."""
     lines = []

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from robodyn_cli.motion.extremes import RecordedMotion
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
+    from robodyn_cli.summaries.response import ResponseKeys
 
 BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has come again
 
@@ -35,7 +36,8 @@ def with_figures(
     motions : what ``recorded`` gives of the run, and what follows it; by default nothing does.
     """
     scene, reactions = run.motion.scene, run.recorder.observer.reactions
-    if reactions is not None or scene.outputs.extremes or scene.motorisation is not None:
+    responding = scene.outputs.response and run.motion.problem.control is not None
+    if reactions is not None or scene.outputs.extremes or scene.motorisation is not None or responding:
         motions = motions or [recorded(run, estimate)]
     summary, *others = records
     if reactions is not None:
@@ -50,6 +52,8 @@ def with_figures(
             extremes = extremes_over(motions, scene.outputs.extremes)
             found = RunExtremes.of(extremes, scene.simulate.fluctuation)
             summary, others = _with_loads_of_latches(summary, found), [*others, found]
+    if responding:
+        others = [*others, _responses(run, motions[0], watch)]
     records = [summary, *others]
     if scene.drives:
         from robodyn_cli.drives.report import with_drives
@@ -64,6 +68,16 @@ def with_figures(
         with watch.stage("motorisation"):
             records = _with_margins(records, result, run, motions[0])
     return records
+
+
+def _responses(run: Run, motion: RecordedMotion, watch: Stopwatch) -> ResponseKeys:
+    """Return the responses of what the controller leads."""
+    from robodyn_cli.motion.response import responses
+
+    control = run.motion.problem.control
+    assert control is not None
+    with watch.stage("response"):
+        return responses(motion, control)
 
 
 def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | None) -> MotionSummary:

@@ -131,6 +131,9 @@ class Outputs:
         doc="Quantities to record by formulas, in t, q, qd, tau and what a controller knows (ref, refd, refdd, s).",
     )
     extremes: tuple[str, ...] = key(ListOf(Text()), default=(), doc="Columns whose extremes to tell.")
+    response: bool = key(
+        Boolean(), default=False, doc="Tell how what the controller leads goes to where it is to be."
+    )
     abscissa: str | None = key(
         Text(),
         default=None,

@@ -47,9 +47,9 @@ def _of_controller(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about the controller, where there is one."""
     if "control" not in summary:
         return []
-    from robodyn_cli.cli.control_words import control_lines
+    from robodyn_cli.cli.control_words import control_lines, response_lines
 
-    return control_lines(summary["control"])
+    return [*control_lines(summary["control"]), *response_lines(summary)]
 
 
 def _happenings(summary: Mapping[str, Any]) -> list[str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import did_you_mean
-from robodyn_cli.scene.checks.check import EXTREMES, Check
+from robodyn_cli.scene.checks.check import EXTREMES, RESPONSE, Check
 from robodyn_cli.scene.checks.robot import column_units, columns
 from robodyn_cli.scene.points import BASE, point_link
 from robodyn_cli.scene.types import Scene, Signal
@@ -138,14 +138,14 @@ def column_of(scene: Scene, key: str) -> str:
 
 def asking(scene: Scene, keys: Iterable[str]) -> Scene:
     """Return a scene that asks for the extremes that keys of its summary name, too; it records reactions for theirs."""
+    keys = list(keys)
     named = [name for key in keys if (name := column_of(scene, key))]
     asked = tuple(dict.fromkeys((*scene.outputs.extremes, *named)))
     loads = scene.outputs.reactions or any(name.startswith(LOADS) for name in asked)
-    if asked == scene.outputs.extremes and loads == scene.outputs.reactions:
-        return scene
-    return dataclasses.replace(
-        scene, outputs=dataclasses.replace(scene.outputs, extremes=asked, reactions=loads)
-    )
+    keys = list(keys)
+    responds = scene.outputs.response or any(key.startswith(RESPONSE) for key in keys)
+    outputs = dataclasses.replace(scene.outputs, extremes=asked, reactions=loads, response=responds)
+    return scene if outputs == scene.outputs else dataclasses.replace(scene, outputs=outputs)
 
 
 def with_extremes(scene: Scene, points: tuple[str, ...], named: Iterable[str], check: Check) -> Scene:

@@ -1,0 +1,134 @@
+"""Responses of what a controller leads, from close samples of a run, with errors by a more accurate integration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robodyn_cli.equations.control.control import Control
+from robodyn_cli.motion.extremes import CloseSamples, RecordedMotion
+from robodyn_cli.observe.columns import ChosenColumn
+from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.step_response import NOTHING, SmoothCourse, TimeFigure, rise_of, settling_of
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.response import Response, ResponseErrors, ResponseKeys
+
+NEAR = 6  # samples that a piece goes on by to its ends
+MOST = 8  # pieces in which the highest point is looked for
+ROUNDED = 1e-14  # of an integral
+
+
+def responses(motion: RecordedMotion, control: Control) -> ResponseKeys:
+    """Return the responses of what a controller leads.
+
+    Raises
+    ------
+    NumericalError, SingularConfigurationError : the motion does not come to its end again.
+    """
+    off = _off(motion)
+    own = ResponseKeys(_of(motion.own, control, off))
+    if motion.again is None or motion.other is None:
+        return own
+    other = ResponseKeys(_of(motion.other, control, off))
+    return with_second(own, other, motion.factor(motion.other))
+
+
+def _off(motion: RecordedMotion) -> float:
+    """Return by how much the positions of a motion may be off."""
+    most = None if motion.errors is None else motion.errors.q_max
+    return most if isinstance(most, float) else 0.0
+
+
+def _of(samples: CloseSamples, control: Control, off: float) -> dict[str, Response]:
+    """Return the responses by coordinate, with errors of what lies between samples."""
+    tracked = [x.name for x in control.tracked]
+    names = [x.name for x in control.tracked if x.name in control.joints]
+    columns = [ChosenColumn("", "control/reference", (k,), "") for k in range(len(tracked))]
+    columns += [ChosenColumn("", "control/error", (k,), "") for k in range(len(tracked))]
+    columns += [ChosenColumn("", "control/torque", (control.joints.index(name),), "") for name in names]
+    columns += [ChosenColumn("", "qd", (control.places[control.joints.index(name)],), "") for name in names]
+    found, final = samples.pieces(columns)
+    parts = [_to_its_ends(*part) for part in found if part[3] > part[2]] or [part[:2] for part in found]
+    n, m = len(tracked), len(names)
+    told = {}
+    for k, one in enumerate(control.tracked):
+        loads = None
+        if one.name in names:
+            j = names.index(one.name)
+            loads = [(t, y[:, 2 * n + j], y[:, 2 * n + m + j]) for t, y in parts]
+        ends = float(final[k]), float(final[n + k])
+        course = SmoothCourse([(t, y[:, k] - y[:, n + k]) for t, y in parts])
+        told[one.name] = _response(course, ends, off, one.unit, _work(loads))
+    return told
+
+
+def _to_its_ends(t: Array, y: Array, begin: float, end: float) -> tuple[Array, Array]:
+    """Return a smooth piece with samples at its ends, by the polynomials through the nearest ones."""
+    near = min(NEAR, len(t))
+    for at, own, front in ((begin, slice(0, near), True), (end, slice(-near, None), False)):
+        nodes = t[own]
+        if (nodes == at).any():
+            continue
+        apart = nodes[:, None] - nodes[None, :] + np.eye(near)
+        gaps = np.where(np.eye(near) > 0.0, 1.0, (at - nodes)[None, :])
+        weights = np.prod(gaps / apart, axis=1)
+        value = (weights @ y[own])[None]
+        t = np.concatenate([[at], t]) if front else np.concatenate([t, [at]])
+        y = np.concatenate([value, y]) if front else np.concatenate([y, value])
+    return t, y
+
+
+Work = tuple[float, float, float, float]  # effort, its error, energy, its error
+
+
+def _work(loads: list[tuple[Array, Array, Array]] | None) -> Work | None:
+    """Return the integrals of torque squared and of the magnitude of power by Simpson's rule, with errors: what every
+    second sample gives otherwise."""
+    if loads is None:
+        return None
+    from scipy.integrate import simpson
+
+    total, error = np.zeros(2), np.zeros(2)
+    for t, tau, qd in loads:
+        if not t[-1] > t[0]:
+            continue
+        y = np.column_stack([tau**2, np.abs(tau * qd)])
+        few = np.unique([*range(0, len(t), 2), len(t) - 1])
+        fine, coarse = (simpson(y[k], x=t[k], axis=0) for k in (slice(None), few))
+        total += fine
+        error += np.abs(fine - coarse) + ROUNDED * np.abs(fine)
+    effort, energy, first, second = (float(x) for x in (*total, *error))
+    return effort, first, energy, second
+
+
+def _response(
+    course: SmoothCourse, ends: tuple[float, float], off: float, unit: str, work: Work | None
+) -> Response:
+    """Return the response of a coordinate; ends : reference, and error, at the end of the run."""
+    start, end = float(course.pieces[0][1][0]), ends[0]
+    step = end - start
+    size = max(float(np.abs(y).max()) for _, y in course.pieces)
+    rise = settling = beyond = TimeFigure(None, None)
+    if abs(step) > NOTHING * max(size, 1.0):
+        rise, settling = rise_of(course, start, end, off), settling_of(course, start, end, off)
+        beyond = _overshoot(course, start, end)
+    effort, effort_error, energy, energy_error = (ABSENT,) * 4 if work is None else work
+    errors = ResponseErrors(rise.error, beyond.error, settling.error, 0.0, effort_error, energy_error)
+    return Response(step, rise.value, beyond.value, settling.value, ends[1], effort, energy, errors, unit)
+
+
+def _overshoot(course: SmoothCourse, start: float, end: float) -> TimeFigure:
+    """Return how far a coordinate goes beyond the end, over its step."""
+    heights = [(y - end) / (end - start) for _, y in course.pieces]
+    tops = np.array([float(y.max()) for y in heights])
+    best, error = max(0.0, float(tops.max())), 0.0
+    # between samples a smooth piece goes no farther than by its second differences
+    over = np.array([float(np.abs(np.diff(y, 2)).max(initial=0.0)) for y in heights])
+    near = [k for k in np.argsort(-(tops + over))[:MOST].tolist() if tops[k] + over[k] >= best]
+    for k in near:
+        t = course.pieces[k][0]
+        if len(t) > 1 and t[-1] > t[0]:
+            most = largest(t, heights[k][:, None])
+            best, error = max(best, float(most.value[0])), max(error, float(most.error[0]))
+    return TimeFigure(best, error)
