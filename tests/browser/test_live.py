@@ -112,6 +112,28 @@ def test_a_figure_over_the_range_of_a_key(four_bar: Result, tmp_path: Path, open
     assert strips.nth(1).get_attribute("aria-label").startswith("left to the command: 1.24")
 
 
+def test_a_phone_in_the_dark_by_keys_alone(live_page: Path, opened: Opener) -> None:
+    """Every control has its turn, in the order in which it stands, and nothing is wider than the screen."""
+    page = running(opened, live_page, viewport={"width": 360, "height": 740}, color_scheme="dark")
+    page.locator(".live input[type=range]").first.focus()
+    kinds = []
+    for _ in range(11):
+        kinds.append(page.evaluate("document.activeElement.type || document.activeElement.tagName"))
+        if kinds[-1] == "SUMMARY":
+            page.keyboard.press("Enter")
+        page.keyboard.press("Tab")
+    assert kinds == ["range", "number"] * 2 + ["button"] * 3 + ["SUMMARY"] + ["select-one"] * 3
+    page.locator(".live .sweep[data-points='49']").wait_for()
+    page.locator(".live input[type=number]").first.focus()
+    page.keyboard.press("Control+a")
+    page.keyboard.type("33")
+    page.keyboard.press("Enter")
+    page.locator(".live[data-runs='2']").wait_for()
+    page.locator(".live .copy").press("Enter")
+    assert page.locator(".live .settings").inner_text() == "--set robot.links.crank.mass=33"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
 def test_values_that_a_page_leaves_to_the_command_are_told(live_page: Path, opened: Opener) -> None:
     page = running(opened, live_page)
     field = page.locator(".live input[type=number]").first
