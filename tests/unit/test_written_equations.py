@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shutil
@@ -13,7 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from robodyn_cli.cli.app import app
 from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.scene.load import Family, load_scene
@@ -412,3 +415,23 @@ def test_formulas_have_names_only_of_symbols() -> None:
     for x in nodes(w):
         assert x.args or x.op in ("name", "number")
     assert not isinstance(w.terms[0].rows[0][0], Expr)
+
+
+def test_the_command_line(tmp_path: Path) -> None:
+    scene, file = str(CONFIGS / "2r_circle.yaml"), tmp_path / "arm.py"
+    call = CliRunner().invoke
+    done = call(app, ["equations", scene, "--sympy", "--file", str(file), "--json"])
+    report = json.loads(done.stdout)
+    assert done.exit_code == 0 and file.read_text("utf-8").strip() == report["document"].strip()
+    assert report["terms"]["M"]["entries"][1][1] == "Izz_link2 + m_link2*cx_link2**2"
+    assert {s["name"]: (s["value"], s["unit"], s["key"]) for s in report["symbols"]}["m_link2"] == (
+        12.456,
+        "kg",
+        "robot.links.link2.mass",
+    )
+    again = call(app, ["equations", scene, "--file", str(file)])
+    assert again.exit_code == 74 and "exists already" in again.stderr
+    both = call(app, ["equations", scene, "--latex", "--sympy"])
+    assert both.exit_code == 2 and "one form at a time" in both.stderr
+    changed = call(app, ["equations", scene, "--numbers", "--set", "robot.links.link2.inertia.zz=0"])
+    assert changed.exit_code == 0 and f"M₂₂       = {12.456 * 0.583**2:.12g}" in changed.stdout
