@@ -270,8 +270,10 @@ def export(
     out: _Path | None = None,
     c: _Path | None = None,
     loop: bool = False,
+    fmu: _Path | None = None,
     set: _Overrides | None = None,
     key: _Entries | None = None,
+    input: _Entries | None = None,
     progress: _Progress | None = None,
 ) -> Report:
     """Write a result as CSV, Parquet, MATLAB, NumPy files, or a robot as URDF, MJCF, SDF."""

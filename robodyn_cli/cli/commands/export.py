@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import Overrides, Told, choice, file, utf8
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.load import Family
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz", "json", "mcap")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
@@ -20,6 +23,7 @@ EXAMPLES = (
     "export outputs/double_pendulum/simulate --to csv --out tables",
     "export configs/four_bar_deploy.yaml --to mjcf --out four_bar",
     "export configs/2r_circle.yaml --c arm_in_c",
+    "export configs/four_bar_deploy.yaml --fmu four_bar.fmu --key robot.links.crank.mass=5:60",
 )
 
 
@@ -60,6 +64,15 @@ def command(
     loop: Annotated[
         bool, typer.Option("--loop", help="With --c: the simulation, too, with its events and errors.")
     ] = False,
+    fmu: Annotated[
+        Path | None,
+        typer.Option(
+            "--fmu",
+            metavar="FILE",
+            help="Of a scene: its simulation as a unit of FMI 3.0 for co-simulation.",
+            show_default=False,
+        ),
+    ] = None,
     overrides: Overrides = None,
     keys: Annotated[
         list[str] | None,
@@ -67,7 +80,16 @@ def command(
             "--key",
             metavar="KEY[=LOW:HIGH]",
             parser=utf8,
-            help="With --c: a key that can be set in C. [default: masses, inertias, data of forces]",
+            help="With --c or --fmu: a key that can be set. [default: masses, inertias, data of forces]",
+        ),
+    ] = None,
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--input",
+            metavar="KEY[=LOW:HIGH]",
+            parser=utf8,
+            help="With --fmu: a number that other tools change at communication points.",
         ),
     ] = None,
     *,
@@ -77,12 +99,17 @@ def command(
     console = told.console
     tidy_up_first()
     with console.waiting(lambda: "exporting"):
-        if c is not None and to is None and out is None:
+        chosen = [x for x in (c, fmu, to or out) if x is not None]
+        alone = len(chosen) == 1
+        if alone and c is not None and not inputs:
             directory, (files, notes) = c, _functions(source, c, (overrides or (), keys or ()), loop)
-        elif c is None and to is not None and out is not None and not keys and not loop:
+        elif alone and fmu is not None and not loop:
+            given = (overrides or (), keys or (), inputs or ())
+            directory, (files, notes) = fmu, _unit(source, fmu, given)
+        elif alone and to is not None and out is not None and not (keys or loop or inputs):
             directory, (files, notes) = out, _files(source, to, out, overrides or ())
         else:
-            raise _refusal(keys, loop)
+            raise _refusal({"--key": keys, "--loop": loop, "--input": inputs})
     for text in notes:
         console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
@@ -90,12 +117,15 @@ def command(
     return 0
 
 
-def _refusal(keys: list[str] | None, loop: bool) -> Exception:
+BELONGS = {"--key": "--c or --fmu", "--loop": "--c", "--input": "--fmu"}
+
+
+def _refusal(given: Mapping[str, Any]) -> Exception:
     """Return the error of options that do not go together."""
     from robodyn_cli.errors import CapabilityError
 
-    beside = "--key goes with --c; " if keys else "--loop goes with --c; " if loop else ""
-    return CapabilityError(f"{beside}allowed: either --to KIND with --out DIR, or --c DIR")
+    beside = "".join(f"{name} goes with {BELONGS[name]}; " for name, x in given.items() if x)
+    return CapabilityError(f"{beside}allowed: either --to KIND with --out DIR, or --c DIR, or --fmu FILE")
 
 
 def _functions(
@@ -110,19 +140,44 @@ def _functions(
     from robodyn_cli.errors import CapabilityError
     from robodyn_cli.over.c99.folder import export_c
     from robodyn_cli.over.c99.keys import asked_key
-    from robodyn_cli.scene.descriptions import load_robot
-    from robodyn_cli.scene.load import Family
 
     if _is_stored(source):
         raise CapabilityError(f"{source} is a result, which has no functions; allowed with --c: a scene")
     overrides, keys = given
     asked = [asked_key(text) for text in keys]
-    if not isinstance(source, Path) or source.suffix in (".yaml", ".yml"):
-        family = Family(source, overrides)
-    else:
-        robot = load_robot(source)
-        family = Family.of(robot).with_values([f"gravity={list(robot.gravity)}", *overrides])
+    family = _family(source, overrides)
     return export_c(family, asked, directory, loop)
+
+
+def _unit(
+    source: Path, target: Path, given: tuple[Sequence[str], Sequence[str], Sequence[str]]
+) -> tuple[list[Path], list[str]]:
+    """Write the simulation of a scene as a unit of FMI; given : overrides, keys and inputs.
+
+    Raises
+    ------
+    CapabilityError : a result has none. Others of what reads and writes them.
+    """
+    from robodyn_cli.errors import CapabilityError
+    from robodyn_cli.over.c99.keys import asked_key
+    from robodyn_cli.over.fmu.export import export_fmu
+
+    if _is_stored(source):
+        raise CapabilityError(f"{source} is a result, which does not simulate; allowed with --fmu: a scene")
+    overrides, *others = given
+    keys, inputs = ([asked_key(text) for text in texts] for texts in others)
+    return [target], export_fmu(_family(source, overrides), target, keys, inputs)
+
+
+def _family(source: Path, overrides: Sequence[str]) -> Family:
+    """Return the scene, that of a robot with its gravity."""
+    from robodyn_cli.scene.descriptions import load_robot
+    from robodyn_cli.scene.load import Family
+
+    if not isinstance(source, Path) or source.suffix in (".yaml", ".yml"):
+        return Family(source, overrides)
+    robot = load_robot(source)
+    return Family.of(robot).with_values([f"gravity={list(robot.gravity)}", *overrides])
 
 
 def _is_stored(source: Any) -> bool:

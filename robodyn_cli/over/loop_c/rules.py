@@ -65,7 +65,9 @@ class CRules:
         given: Sequence[str] = GIVEN,
         judged: Sequence[str] = JUDGED,
     ) -> None:
-        self.given, self.judged = given, judged
+        taken = [name for own, _ in examples.values() for name in own]
+        said = [name for rule in rules.values() for name in rule["outputs"]]
+        self.given, self.judged = (list(dict.fromkeys(x)) for x in ([*given, *taken], [*judged, *said]))
         self.scratch: dict[str, int] = {}
         self.functions = []
         for name, rule in rules.items():

@@ -1,0 +1,1 @@
+"""Simulations that leave as units of FMI 3.0."""

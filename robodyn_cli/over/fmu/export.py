@@ -1,0 +1,143 @@
+"""A scene as a unit of FMI 3.0: sources, and a binary where a C compiler is at hand."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.kernels.as_c.words import text_beside
+from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
+from robodyn_cli.over.c99.source import library_name
+from robodyn_cli.over.fmu.description import UnitDescription
+from robodyn_cli.over.fmu.structure import FmuStructure
+from robodyn_cli.over.loop_c.library import LoopLibrary
+from robodyn_cli.results.atomic import write_bytes
+from robodyn_cli.scene.load import Family
+
+SUFFIX = ".fmu"
+SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
+MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64", "i686": "x86"}
+FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
+EPOCH = (1980, 1, 1, 0, 0, 0)  # of entries: the same scene gives the same file
+FREE = (-float("inf"), float("inf"))
+
+
+def export_fmu(
+    family: Family,
+    target: Path,
+    asked: Sequence[AskedKey],
+    inputs: Sequence[AskedKey] = (),
+    flags: Sequence[str] = FLAGS,
+) -> list[str]:
+    """Write a unit of FMI 3.0; return what there is to say.
+
+    Raises
+    ------
+    CapabilityError : the scene, or a key, cannot leave: by name. OutputError : it cannot be written.
+    """
+    if target.suffix != SUFFIX:
+        raise CapabilityError(f"--fmu {target}: allowed: a file that ends with {SUFFIX}")
+    structure = fmu_structure(family, asked, inputs)
+    library = LoopLibrary(structure, library_name(target.with_suffix("").name), os.path.basename(family.path))
+    texts = unit_texts(structure, library)
+    binary, notes = compiled(library, texts, flags)
+    entries = {name: text.encode() for name, text in texts.items()} | binary
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as unit:
+        for name, content in entries.items():
+            unit.writestr(zipfile.ZipInfo(name, EPOCH), content, zipfile.ZIP_DEFLATED)
+    write_bytes(target, buffer.getvalue())
+    return notes
+
+
+def fmu_structure(family: Family, asked: Sequence[AskedKey], inputs: Sequence[AskedKey]) -> FmuStructure:
+    """Return the motion with the keys that are asked for; without any, with those that cost nothing and can vary."""
+    names = [one.name for one in inputs]
+    ranges = {one.name: one.ends for one in (*asked, *inputs)}
+    if asked:
+        numbers = [one for one in asked if not is_start(family, one)]
+        bounds = (
+            {key.name: (key.low, key.high) for key in parametrised(family, numbers).keys} if numbers else {}
+        )
+        return FmuStructure(
+            family, {**ranges, **{name: x for name, x in bounds.items() if name in ranges}}, names
+        )
+    scene = family.own
+    starts = {f"initial.{g}.{name}": FREE for g in ("q", "qd") for name in getattr(scene.initial, g)}
+    for more in ({**_cheap(family), **starts}, starts, {}):
+        try:
+            made = FmuStructure(family, {**more, **ranges}, names)
+            made.code([])
+        except RobodynError:
+            if not more:
+                raise
+        else:
+            return made
+    raise AssertionError("the loop ends before")
+
+
+def _cheap(family: Family) -> Mapping[str, tuple[float, float]]:
+    """Return the keys that are parameters by default, with their bounds."""
+    try:
+        return {key.name: (key.low, key.high) for key in parametrised(family, []).keys}
+    except RobodynError:  # functions of a state cannot hold a part of the scene
+        return {}
+
+
+def unit_texts(structure: FmuStructure, library: LoopLibrary) -> dict[str, str]:
+    """Return the files of a unit, by their place in it."""
+    token = hashlib.sha256((library.source + library.header).encode()).hexdigest()[:32]
+    described = UnitDescription(structure, library, token)
+    own = f"{library.name}_loop"
+    sources = {
+        f"{own}.h": library.header, f"{own}.c": library.source, "fmu.c": named(library, text_beside(__file__, "fmu.c")),
+        "fmu_absent.c": text_beside(__file__, "fmu_absent.c"), "fmi3.h": text_beside(__file__, "fmi3.h"),
+        "fmu_data.h": described.header,
+    }  # fmt: skip
+    motion = structure.motion
+    return {
+        "modelDescription.xml": described.model(motion.scene.simulate.duration, motion.options.rtol),
+        "sources/buildDescription.xml": described.build(name for name in sources if name.endswith(".c")),
+        **{f"sources/{name}": text for name, text in sources.items()},
+    }
+
+
+def named(library: LoopLibrary, text: str) -> str:
+    """Return a text of C with names of the library."""
+    text = text.replace("own_STATES", f"{library.big}_LOOP_NX")
+    text = re.sub(r"\bown_(REACHED|ENDED|FAILED)\b", rf"{library.big}_LOOP_\1", text)
+    return re.sub(r"\bown\b|\bown_", lambda m: library.name + m[0][3:], text)
+
+
+def compiled(
+    library: LoopLibrary, texts: Mapping[str, str], flags: Sequence[str]
+) -> tuple[dict[str, bytes], list[str]]:
+    """Return the binary by its place, and what there is to say of it."""
+    compiler, system = shutil.which("cc"), SYSTEMS.get(sys.platform)
+    machine = MACHINES.get(platform.machine().lower())
+    if compiler is None or system is None or machine is None:
+        return {}, ["no C compiler (cc) is installed: the unit has sources alone"]
+    folder, suffix = system
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        for place, text in texts.items():
+            (root / Path(place).name).write_text(text, encoding="utf-8")
+        out = root / f"{library.name}{suffix}"
+        sources = [str(path) for path in sorted(root.glob("*.c"))]
+        command = [compiler, *flags, f"-D{library.big}_VECTORS", *sources, "-o", str(out), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            first = done.stderr.strip().splitlines()[:1]
+            return {}, [f"{compiler} has failed, the unit has sources alone: {' '.join(first)}"]
+        return {f"binaries/{machine}-{folder}/{out.name}": out.read_bytes()}, []

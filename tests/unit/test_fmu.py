@@ -1,0 +1,186 @@
+"""Units of FMI 3.0: what they say of themselves, and motions driven by an importer in C, beside those of the program."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli import Mechanism, simulate
+from robodyn_cli.cli.app import run
+from robodyn_cli.scene.load import Family
+from tests.exported_c import needs_compiler
+from tests.fmu import SANITIZED, ExportedUnit, column
+from tests.mechanisms import CONFIGS
+
+PENDULUM = "double_pendulum.yaml"
+AXES = ("x", "y", "z")
+
+
+def family_of(scene: str, overrides: Sequence[str] = ()) -> Family:
+    return Family(CONFIGS / scene, list(overrides))
+
+
+@needs_compiler
+def test_a_unit_gives_what_simulate_gives_for_any_step(tmp_path: Path) -> None:
+    """Within both stated errors, with other values of keys; under sanitizers where the compiler has them."""
+    overrides = ["simulate.duration=3", "outputs.signals={both: theta1 + theta2}", "outputs.reactions=true"]
+    family = family_of(PENDULUM, overrides)
+    keys = ["robot.links.link1.mass=5:25", "initial.q.theta2=-2:2"]
+    try:
+        unit = ExportedUnit(family, tmp_path, keys, flags=SANITIZED)
+    except AssertionError:  # the compiler has no sanitizers
+        unit = ExportedUnit(family, tmp_path, keys)
+    assert [unit.kinds[x] for x in ("robot.links.link1.mass", "initial.q.theta2")] == [
+        "parameter",
+        "parameter",
+    ]
+    mechanism = Mechanism(family, vary=[x.partition("=")[0] for x in keys])
+    runs = mechanism.simulate_many(np.array([[14.0, 0.4]]))
+    names = mechanism.q_names
+    ends = []
+    for count in (2, 30, 1999):
+        reached, values, _ = unit.run(
+            3.0 / count, count, ["robot.links.link1.mass=14", "initial.q.theta2=0.4"]
+        )
+        assert reached == pytest.approx(3.0, rel=1e-12)
+        for prefix, there, error in (("q", runs.q[0], runs.q_error[0]), ("qd", runs.qd[0], runs.qd_error[0])):
+            own = column(values, names, prefix)
+            allowed = column(values, names, f"error.{prefix}") + error + 1e-12 * np.abs(there).max()
+            assert (np.abs(own - there) <= allowed).all()
+            assert (column(values, names, f"error.{prefix}") < 1e-7).all()
+        assert values["signals.both"] == pytest.approx(values["q.theta1"] + values["q.theta2"], rel=1e-14)
+        ends.append([*column(values, names, "q"), *column(values, names, "qd")])
+    np.testing.assert_allclose(ends[1:], [ends[0]] * 2, rtol=0, atol=1e-12)
+    # accelerations, energies, points and reactions are those that the program stores
+    values_set = ["robot.links.link1.mass=14", "initial.q.theta2=0.4"]
+    stored = simulate(family_of(PENDULUM, [*overrides, *values_set]).own).variables
+    compared = 0
+    for path in ("qdd", "points/tip", "reactions/theta1", "reactions/theta2", "base_wrench"):
+        parts = AXES if path.startswith("points") else stored[path].names
+        own = column(values, parts, path.replace("/", "."))
+        np.testing.assert_allclose(own, stored[path].data[-1], rtol=0, atol=1e-7, err_msg=path)
+        compared += len(parts)
+    assert compared >= 13
+    assert values["energy.kinetic"] == pytest.approx(stored["energy/kinetic"].data[-1], rel=1e-9)
+
+
+@needs_compiler
+def test_a_lock_ends_the_simulation_at_its_time(tmp_path: Path) -> None:
+    unit = ExportedUnit(family_of("four_bar_deploy.yaml"), tmp_path, ["robot.links.crank.mass=10:40"])
+    runs = Mechanism(family_of("four_bar_deploy.yaml"), vary=["robot.links.crank.mass"]).deploy_many(
+        np.array([[25.0]])
+    )
+    for step in (3.0, 0.1):
+        reached, values, _ = unit.run(step, 1000, ["robot.links.crank.mass=25"])
+        assert abs(reached - runs.time[0]) <= values["error.time"] + runs.time_error[0] + 1e-12
+        assert 0.0 < values["error.time"] < 1e-10
+        names = unit.outputs
+        assert "constraints.pin.x" in names and "points.pin_coupler.x" in names
+        np.testing.assert_allclose(column(values, ["theta1", "phi2", "phi1"], "q"), runs.q[0], atol=1e-9)
+        # both ends of the pin are at one place: the loop is closed
+        ends = [[values[f"points.pin_{link}.{axis}"] for axis in "xy"] for link in ("coupler", "follower")]
+        np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+@needs_compiler
+def test_inputs_change_between_steps(tmp_path: Path) -> None:
+    """A torque of zero that other tools set at 1 s: the motion of a torque that depends on time."""
+    family = family_of(PENDULUM, ["torques.theta1=0.0", "simulate.duration=2"])
+    unit = ExportedUnit(family, tmp_path, ["robot.links.link1.mass"], ["torques.theta1=-9:9"])
+    assert unit.kinds["torques.theta1"] == "input"
+    known = family_of(PENDULUM, ["torques.theta1='if(t<1,0,-3)'", "simulate.duration=2"])
+    mechanism = Mechanism(known, vary=["robot.links.link1.mass"])
+    runs = mechanism.simulate_many({"robot.links.link1.mass": [12.456]})
+    for count in (10, 400):
+        _, values, _ = unit.run(2.0 / count, count, ["@torques.theta1=-3"])
+        own = np.array([*column(values, mechanism.q_names, "q"), *column(values, mechanism.q_names, "qd")])
+        error = [
+            *column(values, mechanism.q_names, "error.q"),
+            *column(values, mechanism.q_names, "error.qd"),
+        ]
+        stated = np.array(error) + [*runs.q_error[0], *runs.qd_error[0]] + 1e-12
+        assert (np.abs(own - [*runs.q[0], *runs.qd[0]]) <= stated).all()
+        assert max(error) < 1e-7 and values["tau.theta1"] == -3.0
+
+
+@needs_compiler
+def test_fmpy_finds_nothing_wrong_and_runs_it(tmp_path: Path) -> None:
+    fmpy = pytest.importorskip("fmpy")
+    from fmpy.validation import validate_fmu
+
+    unit = ExportedUnit(family_of("tumbling_body.yaml"), tmp_path)
+    assert validate_fmu(str(unit.path)) == []
+    result = fmpy.simulate_fmu(str(unit.path), output_interval=3.0, stop_time=12.0)
+    runs = Mechanism(family_of("tumbling_body.yaml")).simulate_many(np.zeros((1, 0)))
+    for k, name in enumerate(Mechanism(family_of("tumbling_body.yaml")).qd_names):
+        allowed = result[f"error.qd.{name}"][-1] + runs.qd_error[0, k] + 1e-12 * np.abs(runs.qd[0]).max()
+        assert abs(result[f"qd.{name}"][-1] - runs.qd[0, k]) <= allowed
+
+
+@needs_compiler
+def test_values_out_of_range_and_parameters_on_the_way_are_refused(tmp_path: Path) -> None:
+    unit = ExportedUnit(family_of(PENDULUM), tmp_path, ["robot.links.link1.mass=5:25"])
+    with pytest.raises(RuntimeError, match="a value is outside its range"):
+        unit.run(0.1, 4, ["robot.links.link1.mass=30"])
+    with pytest.raises(RuntimeError, match="parameters stay as they are"):
+        unit.run(0.1, 4, ["@robot.links.link1.mass=20"])
+
+
+REFUSED: dict[tuple[str, ...], str] = {
+    ("bouncing_pendulum.yaml",): "contact states begin and change in Python",
+    ("cart_pole_lqr.yaml",): "cannot leave as a unit of FMI: a controller",
+    ("four_bar_prescribed.yaml",): "a motion is prescribed",
+    ("mechanisms/four_bar_locked.yaml",): "goes on as the locked structure",
+    (PENDULUM, "--key", "robot.joints.theta1.alpha=-1:1"): "alpha",
+    (PENDULUM, "--input", "initial.q.theta1"): "allowed: numbers of the equations",
+    (PENDULUM, "--input", "simulate.duration"): "simulate.duration",
+}
+
+
+@pytest.mark.parametrize("given", REFUSED)
+def test_what_cannot_leave_is_refused_by_name(given: Sequence[str], tmp_path: Path, capsys: Any) -> None:
+    scene, *options = given
+    out = tmp_path / "own.fmu"
+    assert run(["export", str(CONFIGS / scene), "--fmu", str(out), *options]) == 2
+    assert REFUSED[tuple(given)] in capsys.readouterr().err and not out.exists()
+
+
+def test_the_command_writes_sources_where_there_is_no_compiler(
+    tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shutil
+
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    out = tmp_path / "two_links.fmu"
+    assert run(["export", str(CONFIGS / PENDULUM), "--fmu", str(out), "--key", "robot.links.link1.mass"]) == 0
+    assert "sources alone" in capsys.readouterr().err
+    with zipfile.ZipFile(out) as unit:
+        names = set(unit.namelist())
+        assert 'modelIdentifier="two_links"' in unit.read("modelDescription.xml").decode()
+    assert {
+        "modelDescription.xml",
+        "sources/buildDescription.xml",
+        "sources/fmu.c",
+        "sources/two_links_loop.c",
+    } <= names
+    assert not any(name.startswith("binaries/") for name in names)
+
+
+def test_options_that_do_not_go_together(tmp_path: Path, capsys: Any) -> None:
+    scene = str(CONFIGS / PENDULUM)
+    for options in (
+        ["--fmu", "a.fmu", "--c", "b"],
+        ["--input", "torques.theta1", "--c", "b"],
+        ["--fmu", "a.fmu", "--loop"],
+    ):
+        assert run(["export", scene, *options]) == 2
+        assert (
+            "allowed: either --to KIND with --out DIR, or --c DIR, or --fmu FILE" in capsys.readouterr().err
+        )
+    assert run(["export", scene, "--fmu", str(tmp_path / "a.zip")]) == 2
+    assert "a file that ends with .fmu" in capsys.readouterr().err
