@@ -159,6 +159,17 @@ def median_ratio(slow: Sequence[float], fast: Sequence[float]) -> float:
     return statistics.median(a / b for a, b in zip(slow, fast))
 
 
+def revision() -> str:
+    """Return the commit of this checkout, with ``+`` where files differ from it; empty outside of git."""
+    git = ["git", "-C", str(ROOT)]
+    try:
+        found = subprocess.run([*git, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True)
+        changed = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True)
+    except OSError:
+        return ""
+    return found.stdout.strip() + "+" * bool(changed.stdout.strip()) if found.returncode == 0 else ""
+
+
 def machine() -> dict[str, Any]:
     """Describe the machine and the versions in use."""
     from robodyn_cli.results.summary import cpu_name
@@ -170,6 +181,7 @@ def machine() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "robodyn": __version__,
+        "revision": revision(),
     }
     if hasattr(os, "getloadavg"):
         found["load"] = round(os.getloadavg()[0], 2)

@@ -83,6 +83,39 @@ def test_what_was_measured_is_kept(
         assert kept["rows"] == [{"engine": "first"}] and kept["failed"] == {}
 
 
+def test_revisions_are_compared_figure_by_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times alone, those of rows with the same words by their order; the least of each counts."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    revisions = importlib.import_module("revisions")
+    rows = [
+        {"work": "fall", "tolerance": 1e-3, "error": 1e-4, "ms": 2.0, "us_per_sample": 5.0, "runs": 7},
+        {"work": "fall", "tolerance": 1e-6, "error": 1e-7, "ms": 4.0, "us_per_sample": None, "runs": 7},
+    ]
+    found = revisions.figures("a.py", rows)
+    assert found == {
+        ("a.py", "fall", "0", "ms"): 2.0,
+        ("a.py", "fall", "0", "us_per_sample"): 5.0,
+        ("a.py", "fall", "1", "ms"): 4.0,
+    }
+    first, second = ("a.py", "fall", "0", "ms"), ("a.py", "fall", "1", "ms")
+    old = [{first: 2.0, second: 4.0}, {first: 2.4, second: 4.1}]
+    new = [{first: 2.3, second: 9.0}, {first: 3.0, second: 5.0}]
+    slower, within = revisions.compared(old, new)
+    assert slower["figure"] == "a.py, fall, 1, ms" and slower["ratio"] == 1.25
+    assert within["ratio"] == pytest.approx(1.15) and within["spread"] == pytest.approx(1.2)
+
+
+def test_reports_have_their_revision(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    revision = importlib.import_module("measure").revision()
+    git = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
+    try:
+        head = subprocess.run(git, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        head = ""
+    assert head.startswith(revision.rstrip("+")) and bool(revision) == bool(head)
+
+
 def test_formulas_of_peers_are_those_of_the_graph() -> None:
     """Accelerations operation by operation, by what an engine of formulas is given, beside Newton and Euler's."""
     code = """

@@ -77,6 +77,15 @@ def stored(path: Path) -> tuple[Any, dict[str, Any]]:
     return read(path / "result.h5"), json.loads((path / "summary.json").read_text())
 
 
+def test_a_study_in_which_nothing_locks_says_so(tmp_path: Path) -> None:
+    """Each run meets a bifurcation in place of its lock, which compiled code leaves to whole commands."""
+    scene = Path(__file__).resolve().parents[2] / "configs" / "four_bar_deploy.yaml"
+    out = tmp_path / "out"
+    done = sweep(scene, "--vary", "gravity.1=[-9.8, -9.9]", "--no-plots", "--out", out)
+    assert done.exit_code == 0, done.output
+    assert json.loads((out / "summary.json").read_text())["failures"] == {"4": 2}
+
+
 # -- what a key varies over -----------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "text, values",

@@ -90,7 +90,7 @@ class RunBatch:
             return nominal, off
         groups = {"q": list(self.starts.q.T), "t": [0.0], "p": []}
         values = self.numbers.evaluate(self.structure.psi_of_loops, groups)
-        return values.reshape(len(self.values), -1, nominal.shape[2]), off
+        return values.reshape(len(self.values), *nominal.shape[1:]), off
 
     def closed_otherwise(self) -> RunBatch:
         """Return the runs from other starts that close the loops as well: as far away as rounding leaves open."""
@@ -99,9 +99,9 @@ class RunBatch:
             return self
         steps = closing_steps(psi, np.full(len(psi), off[0]), motion.held)
         manifold = Manifold(motion.problem.model)
-        q = np.array([manifold.integrate(x, step) for x, step in zip(self.starts.q, steps)])
-        states = self.states.copy()
-        states[:, list(motion.system.q_places)] = q
+        states, places = self.states.copy(), list(motion.system.q_places)
+        for state, q, step in zip(states, self.starts.q, steps):
+            state[places] = manifold.integrate(q, step)
         return dataclasses.replace(self, states=states)
 
     def drive(

@@ -1,0 +1,140 @@
+"""Two revisions in turns: what became slower by more than 5 %.
+
+    python benchmarks/revisions.py OLD [NEW] [--scripts throughput.py ...] [--rounds N] [--all] [--json FILE]
+
+Both are checked out side by side (``git worktree``), NEW is this checkout if it is left out; each has a cache of its
+own, filled by a round that does not count. The scripts run in turns, old and new, with ``--json``. Of each figure in
+seconds, milliseconds or microseconds the least of all rounds counts. What is above 1.05 times the old one, and above
+every round of it, is named: a change within the old revision's own rounds (``spread``) is the machine's. ``--all``
+prints every figure. Without OLD this checkout is compared with itself.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import measure
+
+SLOWER = 1.05
+SCRIPTS = ("throughput.py", "double_pendulum.py", "time_optimal.py")
+UNITS = ("us", "ms", "seconds", "s")  # the last word of a figure's name
+
+Figures = dict[tuple[str, ...], float]
+
+
+@contextmanager
+def checkout(revision: str | None) -> Iterator[Path]:
+    """Yield a folder with a revision, this one for None; it is gone afterwards."""
+    if revision is None:
+        yield measure.ROOT
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "tree"
+        git = ["git", "-C", str(measure.ROOT), "worktree"]
+        subprocess.run([*git, "add", "--detach", str(place), revision], check=True, capture_output=True)
+        try:
+            yield place
+        finally:
+            subprocess.run([*git, "remove", "--force", str(place)], check=True, capture_output=True)
+
+
+def run(tree: Path, script: str, cache: str, quick: bool) -> Figures:
+    """Return the figures of a script of a checkout, by script, words of their row and name."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rows.json"
+        command = [sys.executable, str(tree / "benchmarks" / script), "--json", str(file)]
+        environment = {**os.environ, "ROBODYN_CACHE": cache, "PYTHONPATH": str(tree)}
+        subprocess.run(
+            command + ["--quick"] * quick, check=True, cwd=tree, env=environment, stdout=subprocess.DEVNULL
+        )
+        rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
+    return figures(script, rows)
+
+
+def figures(script: str, rows: list[dict[str, Any]]) -> Figures:
+    """Return the times among rows; rows with the same words are told apart by their order."""
+    found: Figures = {}
+    seen: dict[tuple[str, ...], int] = defaultdict(int)
+    for row in rows:
+        words = (script, *(str(x) for x in row.values() if isinstance(x, str)))
+        number = seen[words]
+        seen[words] += 1
+        for name, value in row.items():
+            if isinstance(value, (int, float)) and _is_time(name) and value > 0.0:
+                found[(*words, str(number), name)] = float(value)
+    return found
+
+
+def _is_time(name: str) -> bool:
+    words = name.split("_")
+    return words[-1] in UNITS or words[0] in UNITS
+
+
+def compared(old: list[Figures], new: list[Figures]) -> list[dict[str, Any]]:
+    """Return a row for each figure that both have: the least of both, their ratio, and the spread of the old ones."""
+    rows = []
+    for name in old[0]:
+        before, after = ([x[name] for x in rounds if name in x] for rounds in (old, new))
+        if not after:
+            continue
+        least = min(before)
+        rows.append(
+            {
+                "figure": ", ".join(name),
+                "old": least,
+                "new": min(after),
+                "ratio": min(after) / least,
+                "spread": max(before) / least,
+            }
+        )
+    return sorted(rows, key=lambda row: -row["ratio"])
+
+
+def main() -> None:
+    parser = measure.command_line(__doc__)
+    parser.add_argument("old", nargs="?", metavar="OLD")
+    parser.add_argument("new", nargs="?", metavar="NEW")
+    parser.add_argument("--scripts", nargs="+", default=list(SCRIPTS), metavar="SCRIPT")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--all", action="store_true", help="print every figure")
+    options = parser.parse_args()
+    scripts = SCRIPTS[:1] if options.quick else options.scripts
+    rounds = 1 if options.quick else options.rounds
+    measure.print_machine()
+    with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as caches:
+        with checkout(options.old) as old, checkout(options.new) as new:
+            for script in scripts:
+                with report.part(script):
+                    found: tuple[list[Figures], list[Figures]] = ([], [])
+                    for k in range(rounds + 1):
+                        for side, tree, name in zip(found, (old, new), ("old", "new")):
+                            own = run(tree, script, f"{caches}/{name}", options.quick)
+                            if k:
+                                side.append(own)
+                    report.rows += compared(*found)
+        slower = [row for row in report.rows if row["ratio"] > max(SLOWER, row["spread"])]
+        shown = report.rows if options.all else slower
+        table = [["figure", "old", "new", "ratio", "spread of old"]]
+        table += [
+            [
+                row["figure"],
+                *(f"{row[key]:.4g}" for key in ("old", "new")),
+                *(f"{row[key]:.2f}" for key in ("ratio", "spread")),
+            ]
+            for row in shown
+        ]
+        print("\n" + measure.table(table) if shown else "", flush=True)
+        print(f"{len(slower)} of {len(report.rows)} figures became slower by more than 5 %")
+
+
+if __name__ == "__main__":
+    main()
