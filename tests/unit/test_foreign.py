@@ -27,7 +27,7 @@ OPENERS = {
     "foreign.py", "kernels/cache.py", "cli/console.py", "cli/interrupts.py", "results/atomic.py", "results/export.py",
     "results/hdf5/low.py", "results/hdf5/reader.py", "results/summary.py",
     "motion/going_on.py", "over/export/mcap.py", "over/study/rows.py", "kernels/compiler.py", "robots/collection.py",
-    "robots/examples.py",    "report/page/page.py", "version.py",
+    "robots/examples.py", "kernels/as_c/words.py",    "report/page/page.py", "version.py",
 }  # fmt: skip
 
 
