@@ -205,8 +205,10 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines.append(f"  proof              {summary['proof']['text']}")
     if (other := summary["other"]) is not None:
         values = ", ".join(f"{key} = {shown(x)}" for key, x in other["values"].items())
+        reaches = any("met" in found for found in summary["figures"].values())
+        goal = f"{shown(other['goal'])}{' tolerances off the targets' if reaches else ''}"
         lines.append(
-            f"  next best          {shown(other['goal'])} from {other['starts']} of the starts, with {values}"
+            f"  next best          {goal} from {other['starts']} of the starts, with {values}"
             + ("" if other["holds"] else "; a constraint does not hold there")
         )
     for code, text in effort["reasons"].items():

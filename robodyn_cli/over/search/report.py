@@ -168,7 +168,12 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
         if optimum.sides.held[at]:
             own["price"] = size * float(optimum.sides.bound_prices[at]) / span
             own["price_error"] = abs(size) * _gradient_error(ended.scaled, optimum) / span
-    off = _finite(optimum.off[at] * span) if optimum.sides.held[at] or _has_errors(ended, optimum) else None
+    # between its bounds a key is off by no more than they are apart
+    off = (
+        _finite(min(optimum.off[at], 1.0) * span)
+        if optimum.sides.held[at] or _has_errors(ended, optimum)
+        else None
+    )
     return FoundKey(value, unit, off, float(low), float(high), bounds=words, at=side, **own)
 
 
