@@ -207,6 +207,7 @@ def estimate_error(
     floor = courses.floor(
         first.steps, lasted, lambda k: motion.conditioning(times, courses.first[k]), watched
     )
+    factor = float(courses.scale[0])  # of figures, as in many runs
     courses, doubt = courses.settled(floor)
     dq, dv = sampled_errors(motion, grid, second, recorder, courses.scale)
     if doubt[0] and (third := _third_run(motion, again, tick)) is not None:
@@ -237,7 +238,7 @@ def estimate_error(
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
     observed = _observed(recorder, second) if figures or recorder.observer.figures else None
-    return Estimate(errors, observed, second.facts, float(courses.scale[0]), second.watchers, second.end)
+    return Estimate(errors, observed, second.facts, factor, second.watchers, second.end)
 
 
 def _is_lost(error: Array, x: Array, options: Options) -> Array:
