@@ -7,7 +7,7 @@ for a name from the scene. Where the error of a dataset stands is told by ``stat
 from __future__ import annotations
 
 from robodyn_cli.record import record
-from robodyn_cli.results.entries import CONTROL, LINEAR, Entry
+from robodyn_cli.results.entries import CONTROL, FEED_FORWARD, LINEAR, Entry
 
 XYZ = ("x", "y", "z")
 WRENCH = {f"{letter}{axis}": unit for letter, unit in (("f", "N"), ("m", "N m")) for axis in XYZ}
@@ -75,6 +75,7 @@ RUN: tuple[Entry, ...] = (
     Entry("energy/total", ("time",), "J", "kinetic and potential energy"),
     Entry("energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"),
     *CONTROL,
+    *FEED_FORWARD,
     Entry("signals/NAME", ("time",), "1", "signal of `outputs.signals`, in the unit that the scene states"),
     Entry("forces/potential", ("time", "force"), "J", "potential energy of each entry of `forces`"),
     Entry("forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"),

@@ -53,6 +53,16 @@ CONTROL = (
     Entry("control/equilibrium", ("position",), "rad or m", "the pose about which a regulator is made"),
     Entry("control/holding_torques", ("gain_row",), "N m or N", "torques of the driven joints that hold that pose"),
 )  # fmt: skip
+FEED_FORWARD = (
+    Entry("feed_forward/time", ("feed_forward_sample",), "s", "multiples of `inverse.period`"),
+    *(
+        Entry(f"feed_forward/{name}", ("feed_forward_sample", "joint"), units, f"{meaning} there")
+        for name, units, meaning in (
+            ("q", "rad or m", "joint position"), ("qd", "rad/s or m/s", "joint velocity"),
+            ("qdd", "rad/s^2 or m/s^2", "joint acceleration"), ("tau", "N m or N", "actuator torque or force"),
+        )
+    ),
+)  # fmt: skip
 LINEAR = (
     *(
         Entry(f"linear/{name}", dims, ROWS_OVER_COLUMNS, f"{name} of the linear system")

@@ -70,7 +70,10 @@ STATEMENTS = (
     Statement(("ik_residual",), "path off by", POSES, is_main=True),
     Statement(("attitude_residual",), "attitude on the path off by", POSES, is_main=True),
     Statement(
-        ("error_estimate", "torque_rounding"), "rounding of any torque", ("tau", "torque_terms"), "tau"
+        ("error_estimate", "torque_rounding"),
+        "rounding of any torque",
+        ("tau", "torque_terms", "feed_forward/tau"),
+        "tau",
     ),
     Statement(
         ("round_trip",),

@@ -29,6 +29,12 @@ class InverseOptions:
     samples: int = key(
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
+    period: float | None = key(
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="s",
+        doc="Period of a controller: the motion and its torques are tabled at its multiples too (`/feed_forward`).",
+    )
     shaking: str | None = key(
         Text(), default=None, doc="Point of the base about which the shaking force and moment are told."
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.given.motion import Planned, knot_places
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.places import FORCES, add_places
@@ -44,6 +44,9 @@ from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled
 
 if TYPE_CHECKING:
     from robodyn_cli.observe.reactions import Loads
+
+MOST_ROWS = 10_000_000  # of a table for a controller
+ROUNDED = 1e-12  # of a number of periods
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -97,6 +100,7 @@ def inverse(
         there = loads_of(program, looked) if loads is not None and looked is not sampled else loads
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
+    _add_table(result, program, watch)
     summary = summarise(program, closer, looked, loaded, errors)
     reactions = ABSENT if there is None else there.summary(loaded.breaks)
     records = [dataclasses.replace(summary, samples=count, reactions=reactions)]
@@ -106,6 +110,33 @@ def inverse(
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def _add_table(result: Result, program: InverseProgram, watch: Stopwatch) -> None:
+    """Add the motion and its torques at the multiples of a period, up to the end of the motion, where one is given.
+
+    Raises
+    ------
+    CapabilityError : there are too many.
+    """
+    given = program.problem.scene.inverse.period
+    if given is None:
+        return
+    period = float(given)
+    count = int(program.duration / period * (1.0 + ROUNDED)) + 1
+    if count > MOST_ROWS:
+        raise CapabilityError(
+            f"inverse.period: {count} samples of {period:g} s; allowed: no more than {MOST_ROWS}, so a longer period",
+            key="inverse.period",
+        )
+    times = np.minimum(period * np.arange(count), program.duration)
+    with watch.stage("evaluate"):
+        planned, sampled = evaluated_at(program, times)
+    result.add("feed_forward/time", times)
+    columns, motion = joint_columns(program.problem.model), planned.motion
+    for name, data in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd), ("tau", sampled.tau)):
+        own = {**columns[name].described(), "dims": ("feed_forward_sample", columns[name].dims[1])}
+        result.add(f"feed_forward/{name}", data, **own)
 
 
 def program_of(scene: Scene) -> InverseProgram:

@@ -3,13 +3,15 @@ the torques that a run shows."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from robodyn_cli import linearise, simulate
+from robodyn_cli import inverse, linearise, simulate
 from robodyn_cli.control.riccati import Cost, cost_of_period, held, optimum
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.scene import load_scene_text
 
 SEEDS = [3, 14, 159]
@@ -161,3 +163,25 @@ def test_gains_that_are_written_come_out_as_matrices_and_others_are_absent() -> 
     assert torque["row_units"]["qdd.a"] == "rad/s^2" and [x["real"] for x in torque["poles"]] == [-20.0] * 6
     law = simulate(scene_of(3, "{type: formulas, law: {a: -q.a, b: -q.b, c: -q.c}}")).summary["control"]
     assert "gains" not in law
+
+
+def test_a_table_for_a_controller_is_the_inverse_at_its_multiples() -> None:
+    """The period divides the motion, does not, or is longer than it; other samples stay as they are."""
+    scene = "schema: 1\ngravity: [0, -9.81, 0]\nrobot: robots/planar_2r.yaml\n"
+    move = "trajectory: {type: quintic, points: [{t: 0, q: {theta1: 0, theta2: 0}}, {t: 1, q: {theta1: 0.5, theta2: -0.3}}]}"
+    of = f"{scene}{move}\ninverse: {{samples: 101"
+    path = Path(__file__).parents[2] / "configs" / "example.yaml"
+    plain = inverse(load_scene_text(of + "}", path))
+    for period, count in ((0.02, 51), (0.03, 34), (2.0, 1)):
+        tabled = inverse(load_scene_text(f"{of}, period: {period}}}", path))
+        np.testing.assert_array_equal(tabled["tau"], plain["tau"])
+        times = tabled["feed_forward/time"]
+        np.testing.assert_allclose(times, period * np.arange(count), atol=1e-15)
+        if period == 0.02:
+            np.testing.assert_allclose(tabled["feed_forward/tau"], plain["tau"][::2], rtol=1e-12, atol=1e-12)
+        again = inverse(load_scene_text(of.replace("101", "1001") + "}", path))
+        at = np.searchsorted(again.time, times - 1e-9)
+        for name in ("q", "qd", "qdd", "tau"):
+            np.testing.assert_allclose(tabled[f"feed_forward/{name}"], again[name][at], rtol=1e-9, atol=1e-9)
+    with pytest.raises(CapabilityError, match="inverse.period"):
+        inverse(load_scene_text(f"{of}, period: 1e-9}}", path))
