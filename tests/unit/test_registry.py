@@ -177,6 +177,11 @@ def test_building_a_system_imports_neither_results_nor_runs() -> None:
     )
 
 
+@pytest.mark.parametrize("command", ["validate", "info", "plan"])
+def test_commands_without_a_result_load_no_hdf5(command: str) -> None:
+    assert "h5py" not in modules_of(command, "configs/2r_circle.yaml")
+
+
 def test_a_sweep_loads_its_command_alone(tmp_path: Path) -> None:
     """Of what is by command, ``sweep`` of ``inverse`` loads that of ``inverse``."""
     study = ("--vary", "robot.links.link1.mass=[10, 12]", "--of", "joints.theta1.peak_torque")

@@ -11,8 +11,8 @@ from typing import Any
 
 from robodyn_cli.errors import FAILED, ResultFileError, RobodynError, SceneError
 from robodyn_cli.record import record
+from robodyn_cli.results import hdf5
 from robodyn_cli.results.compare import Difference, compare
-from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import RESULT_NAME, RUN_ID, SUMMARY_NAME, same_run
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import read_summary
@@ -53,7 +53,7 @@ def read_stored(path: Stored, select: Callable[[str], bool] | None = None) -> Re
     """
     if isinstance(path, Result):
         return path
-    result = read(result_path(path), select)
+    result = hdf5.read(result_path(path), select)
     if (
         path.is_dir()
         and (summary := read_summary(path / SUMMARY_NAME))
