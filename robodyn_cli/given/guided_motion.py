@@ -15,8 +15,8 @@ from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
 from robodyn_cli.solve.closing.assembly import assemble
-from robodyn_cli.solve.closure import CLOSED, Numbers, rank
-from robodyn_cli.solve.guided import SAME, Guide, GuidedPlace, Stuck
+from robodyn_cli.solve.closure import CLOSED, LEAST_ROUNDED, RANK, Numbers, mechanism_size, rank
+from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.trajectories.led import led_joints, position_columns
@@ -73,6 +73,17 @@ def _motion_of(places: Sequence[GuidedPlace]) -> JointMotion:
     return JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
 
 
+def rounding_warnings(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning where the loops stay open along a motion, as rows contradict each other by rounding."""
+    left = planned.residuals.get("position", 0.0)
+    if not left > LEAST_ROUNDED * mechanism_size(problem.model):
+        return []
+    return [
+        f"the loops stay open by up to {rounded_up(left):.2g} m or rad: rows that follow from others contradict these "
+        "by rounding in the data, and the motion is that of the others"
+    ]
+
+
 def with_target(problem: Problem, lead: Lead, planned: Planned) -> Planned:
     """Return the motion that a lead gave with where the point that leads, if one does, is asked to be."""
     if lead.led is None:
@@ -101,9 +112,7 @@ def _apart(problem: Problem, times: Array) -> Planned:
 def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     """Return a closed configuration in which the led joints are where their motion begins.
 
-    Raises
-    ------
-    CapabilityError : rows contradict each other by rounding in the data.
+    Where rows contradict each other by rounding in the data, the conditions are told up to which residual they agree.
     """
     scene = problem.scene
     check_prescribed(problem)
@@ -112,15 +121,8 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     guess = dict(scene.trajectory.ik.guess) if lead.led is not None else {}
     held = {**prescribed_starts(scene), **led}
     closed = assemble(problem, {**scene.initial.q, **guess, **held}, {}, tuple(held))
-    off = np.abs(conditions.at(closed.q, 0.0)[0] / conditions.sizes).max(initial=0.0)
-    if closed.closure is not None and closed.closure.tolerance > CLOSED and off > SAME:
-        raise CapabilityError(
-            f"{listed(closed.redundant)} follow from the other rows but for rounding in the data, which leaves the "
-            f"loops open by {rounded_up(closed.position_residual)} m or rad: a motion that is led has to close them "
-            "at every sample; "
-            "allowed: lengths and angles with all their digits, or simulate, with the motion in 'prescribed'",
-            row=closed.redundant[0], residual=closed.position_residual,
-        )  # fmt: skip
+    if closed.closure is not None and closed.closure.tolerance > CLOSED:
+        conditions.same = conditions.singular = closed.closure.tolerance
     return closed.q
 
 
@@ -134,9 +136,10 @@ def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t:
     _, J = conditions.at(q, t)
     J = J * conditions.lengths / conditions.sizes[:, None]
     rows, model = len(conditions.names) - conditions.led, problem.model
-    free = model.nv - rank(J[:rows])
+    tolerance = max(RANK, conditions.singular)
+    free = model.nv - rank(J[:rows], tolerance)
     if free > conditions.led:
-        left = np.linalg.norm(np.linalg.svd(J)[2][rank(J) :], axis=0)
+        left = np.linalg.norm(np.linalg.svd(J)[2][rank(J, tolerance) :], axis=0)
         moved = dict.fromkeys(model.joint_of(int(k)) for k in np.flatnonzero(left > MOVED * left.max()))
         raise CapabilityError(
             f"the mechanism has {free} degrees of freedom there beside its prescribed joints, and the trajectory leads "

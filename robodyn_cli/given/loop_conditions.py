@@ -17,6 +17,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.observe.evaluation import compiling
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import mechanism_size
+from robodyn_cli.solve.guided import SAME, SINGULAR
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
@@ -167,6 +168,7 @@ class LoopConditions:
                 bias.append(dot(rate, problem.v))
                 names.append(f"{lead.point}.{axis}")
                 lengths.append(len(axis) == 1)
+        self.same, self.singular = SAME, SINGULAR
         self.names = tuple(names)
         self.led = len(names) - len(rows)
         self._problem, self._values_of, self._J = problem, values, J

@@ -28,6 +28,7 @@ from robodyn_cli.given.along import Interpolated, motion_along
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.prepare import prepare
+from robodyn_cli.ready.singularity import rounded_rank
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import assemble
 from robodyn_cli.solve.closure import RANK
@@ -93,7 +94,7 @@ def with_regulator(scene: Scene) -> Scene:
     if problem.constraints.rheonomic:
         raise _refusal(scene, "a motion is prescribed, so the pose does not stay; allowed with 'lqr': none")
     states = States.one(pose, np.zeros(model.nv))
-    places = independent(equations.values(states)["Psi"][0], driven)
+    places = independent(equations.values(states)["Psi"][0], driven, rounded_rank(problem, pose))
     free = [name for name in (model.v_names[k] for k in places) if name not in model.q_names]
     if free:
         fault = f"joint {model.joint_of(model.v_names.index(free[0]))!r} has an attitude"
@@ -218,7 +219,7 @@ def _with_directions(scene: Scene) -> Scene:
     setup = prepare(at_rest(scene))
     model, joints = setup.problem.model, scene.control.joints
     psi = setup.problem.numbers(setup.problem.psi, setup.assembled.q)
-    N, _ = allowed_motions(psi[None])
+    N, _ = allowed_motions(psi[None], rounded_rank(setup.problem, setup.assembled.q))
     U, s, _ = np.linalg.svd(N[0][[model.v_names.index(name) for name in joints]])
     freedom, commanded = N.shape[2], int((s > RANK).sum())
     if commanded < freedom:

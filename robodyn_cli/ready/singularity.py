@@ -18,16 +18,15 @@ from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.record import record
+from robodyn_cli.solve import closure
 from robodyn_cli.solve.closure import RANK as RANK_TOLERANCE
-from robodyn_cli.solve.closure import ROUNDED, mechanism_size, rank
+from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
-LEAST_ROUNDED = (
-    1e-10  # rad, or part of the size, that loops lack only where redundant rows contradict each other
-)
+REDUCED = 1e-9  # ratio of singular values that counts as zero where coordinates are chosen
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
 
@@ -196,10 +195,15 @@ def rank_tolerance(problem: Problem, q: Array, t: float = 0.0) -> float:
     return float(rank_tolerances(problem, np.abs(eta).max(initial=0.0)))
 
 
+def rounded_rank(problem: Problem, q: Array) -> float:
+    """Return the ratio of singular values of Psi at q (nq,), which is one of rounding alone where the loops close."""
+    eta = problem.numbers([row.eta for row in problem.constraints.loop_rows], q)
+    return float(closure.rank_tolerances(problem.model, np.abs(eta).max(initial=0.0), REDUCED))
+
+
 def rank_tolerances(problem: Problem, gap: Array) -> Array:
     """Return the same where the loops are open by ``gap`` (T,), rad or m."""
-    residual = gap / max(mechanism_size(problem.model), 1e-300)
-    return np.where((residual > LEAST_ROUNDED) & (residual <= ROUNDED), ROUNDED, RANK_TOLERANCE)
+    return closure.rank_tolerances(problem.model, gap, RANK_TOLERANCE)
 
 
 def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:

@@ -32,10 +32,9 @@ TINY = 1e-300
 CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
 CUT = 1e-12  # ratio of singular values below which steps leave a direction alone
 WORTH = 200_000  # operations in Python from which on reading code that works them off takes less time
-ROUNDED = (
-    1e-6  # the same, and the residual, for redundant rows that contradict each other by rounding in the data
-)
+ROUNDED = 1e-6  # the same, and the residual, for redundant rows that contradict by rounding in the data
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
+LEAST_ROUNDED = 1e-10  # rad, or part of the size, that loops lack only where such rows contradict
 
 
 def rank(A: Array, tolerance: float = RANK) -> int:
@@ -119,6 +118,13 @@ def _size(bodies: int, lengths: Sequence[float]) -> float:
     distances = [math.hypot(*lengths[k : k + 3]) for k in range(0, len(lengths), 3)]
     total = max([sum(distances[:bodies]), *distances[bodies:]])
     return total if total > 0.0 else 1.0
+
+
+def rank_tolerances(model: Model, gap: Array | float, exact: float = RANK) -> Array:
+    """Return the ratios of singular values (T,) below which rows depend on each other where loops are open by ``gap``
+    (T,), rad or m: larger where what they lack is rounding in the data. exact : where they lack nothing."""
+    residual = gap / max(mechanism_size(model), 1e-300)
+    return np.where((residual > LEAST_ROUNDED) & (residual <= ROUNDED), ROUNDED, exact)
 
 
 class ClosureEquations(Protocol):
@@ -222,21 +228,26 @@ def newton(
     cut : ratio of singular values below which a direction is left alone.
     """
     columns, lengths, sizes = list(free), conditions.lengths, conditions.sizes
-    F, J = conditions.at(q, 0.0)
-    size = float(np.abs(F / sizes).max(initial=0.0))
+
+    def at(q: Array) -> tuple[Array, Array, float]:
+        """Return F and J, scaled, and the size of what steps can lessen of F."""
+        F, J = conditions.at(q, 0.0)
+        F, J = F / sizes, J[:, columns] * lengths[columns] / sizes[:, None]
+        reached = _within_reach(F, J, cut) if cut > CUT else F
+        return F, J, float(np.abs(reached).max(initial=0.0))
+
+    F, J, size = at(q)
     slow = 0
     for _ in range(ITERATIONS):
         if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < TINY or slow > patience:
             break
-        scaled = J[:, columns] * lengths[columns] / sizes[:, None]
-        step, *_ = np.linalg.lstsq(scaled, -F / sizes, rcond=cut)
+        step, *_ = np.linalg.lstsq(J, -F, rcond=cut)
         step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))
         dq = np.zeros(len(lengths))
         for _ in range(HALVINGS):
             dq[columns] = step * lengths[columns]
             trial = conditions.step(q, dq)
-            F_new, J_new = conditions.at(trial, 0.0)
-            new = float(np.abs(F_new / sizes).max(initial=0.0))
+            F_new, J_new, new = at(trial)
             if new < size:
                 break
             step = 0.5 * step
@@ -244,7 +255,16 @@ def newton(
             break
         slow = slow + 1 if new > 0.5 * size else 0
         q, F, J, size = trial, F_new, J_new, new
-    return q, size
+    return q, float(np.abs(F).max(initial=0.0))
+
+
+def _within_reach(F: Array, J: Array, cut: float) -> Array:
+    """Return the part of F (m,) along J (m, n), but where it is weaker than a ratio: the rest is contradiction."""
+    if not np.isfinite(J).all():
+        return F
+    U, s, _ = np.linalg.svd(J, full_matrices=False)
+    U = U[:, s > cut * s.max(initial=0.0)]
+    return np.asarray(U @ (U.T @ F))
 
 
 class ManyConditions(Protocol):

@@ -28,11 +28,17 @@ HALVINGS = 40
 
 
 class SampledConditions(Protocol):
-    """Conditions at samples side by side: of one motion, or of many runs."""
+    """Conditions at samples side by side: of one motion, or of many runs.
+
+    same : relative residual below which they agree. singular : ratio of singular values of J below which they do not
+    determine the motion.
+    """
 
     lengths: Array
     sizes: Array
     manifold: Manifold
+    same: float
+    singular: float
 
     def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
         """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
@@ -116,10 +122,10 @@ def solve_together(conditions: SampledConditions, guess: Array, samples: slice) 
     F, J = conditions.at_samples(q, samples)
     regular = np.array(np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1), dtype=bool)
     J = np.where(regular[:, None, None], J, 0.0)
-    regular &= np.abs(F / sizes).max(axis=1, initial=0.0) < SAME
+    regular &= np.abs(F / sizes).max(axis=1, initial=0.0) < conditions.same
     scaled = J * lengths / sizes[:, None]
     sigma = np.linalg.svd(scaled, compute_uv=False)
-    regular &= (sigma[:, -1] > SINGULAR * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
+    regular &= (sigma[:, -1] > conditions.singular * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
     v = least_steps(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
     a = least_steps(J, conditions.rates_at_samples(q, v, samples)[1])
     moved = (np.abs(q - guess)[:, position] / lengths).max(axis=1, initial=0.0)
@@ -191,12 +197,11 @@ class Guide:
             trial = self.conditions.step(q, step * self.conditions.lengths)
             F_new, J_new = self.conditions.at(trial, t)
             new = float(np.abs(F_new / self.conditions.sizes).max(initial=0.0))
-            if not new < size and size < SAME:
+            small = float(np.abs(step).max(initial=0.0)) < CLOSED
+            if size < self.conditions.same and not new < size and (small or self.conditions.same == SAME):
                 break
-            q, F, J, moved = trial, F_new, J_new, moved + step
-            done = float(np.abs(step).max(initial=0.0)) < CLOSED
-            size = new
-            if done:
+            q, F, J, moved, size = trial, F_new, J_new, moved + step, new
+            if small:
                 break
         return q, J, size, float(np.abs(moved).max(initial=0.0))
 
@@ -216,10 +221,10 @@ class Guide:
         Stuck : the conditions cannot be met there, or J is singular.
         """
         q, J, residual, _ = self.solve(q, t)
-        if not residual < SAME:
+        if not residual < self.conditions.same:
             raise self._stuck(None, q, J, t, residual)
         here = self.place(q, J, t)
-        if not here.measure > SINGULAR:
+        if not here.measure > self.conditions.singular:
             raise self._stuck(here, q, J, t, 0.0)
         return here
 
@@ -300,7 +305,7 @@ class Guide:
                 h = min(2.0 * self._h, end - now.t)
             elif t - now.t < whole * 0.5**HALVINGS or t - now.t < 1e-14 * max(1.0, abs(t)):
                 q, J, residual, _ = self.solve(now.q, t)
-                contradicted = residual > SAME and now.measure > 1e-5
+                contradicted = residual > self.conditions.same and now.measure > 1e-5
                 raise self._stuck(now, q if contradicted else now.q, J, t, residual if contradicted else 0.0)
             else:
                 h = 0.5 * (t - now.t)
@@ -309,11 +314,11 @@ class Guide:
         h = t - now.t
         guess = self.conditions.step(now.q, h * now.v + 0.5 * h * h * now.a)
         q, J, residual, missed = self.solve(guess, t)
-        if not residual < SAME or not missed < MISS:
+        if not residual < self.conditions.same or not missed < MISS:
             return None
         new = self.place(q, J, t)
         on_branch = bool(same_branch(now.J[None], new.J[None])[0])
-        return new if on_branch and new.measure > SINGULAR else None
+        return new if on_branch and new.measure > self.conditions.singular else None
 
     def _stuck(self, last: GuidedPlace | None, q: Array, J: Array, t: float, residual: float) -> Stuck:
         U, _, Vt = np.linalg.svd(self.scaled(J) if last is None or residual else last.J)

@@ -51,7 +51,8 @@ class Shared:
 
     freedom : degrees of freedom f. commanded : those in which actuators give forces; the load is zero in the others.
     unique_torques, unique_multipliers : whether there is no other way to share;
-    otherwise those of least norm are given. residual : largest |u - B tau - Psi^T lambda|.
+    otherwise those of least norm are given. residual : largest |u - B tau - Psi^T lambda|. tolerance : ratio of
+    singular values of Psi below which its rows depend on each other.
     """
 
     terms: dict[str, Array]
@@ -62,6 +63,7 @@ class Shared:
     unique_torques: bool
     unique_multipliers: bool
     residual: float
+    tolerance: float = RANK
 
     @property
     def tau(self) -> Array:
@@ -79,29 +81,29 @@ class Shared:
         return torques, "unique" if self.unique_multipliers else "least norm: redundant rows"
 
 
-def allowed_motions(psi: Array) -> tuple[Array, int]:
+def allowed_motions(psi: Array, tolerance: float = RANK) -> tuple[Array, int]:
     """Return N (T, nv, f), orthonormal columns that Psi (T, m, nv) leaves free, and the rank of Psi.
 
     Raises
     ------
     LostRank : the rank is not the same at all samples.
     """
-    return _freedom(psi)[:2]
+    return _freedom(psi, tolerance)[:2]
 
 
-def null_spaces(psi: Array) -> tuple[Array, NDArray[np.int64], Array]:
+def null_spaces(psi: Array, tolerance: float = RANK) -> tuple[Array, NDArray[np.int64], Array]:
     """Return U (T, m, m), V^T (T, nv, nv) of Psi = U S V^T, and between them its ranks (T,)."""
-    return _decomposed(psi)[:3]
+    return _decomposed(psi, tolerance)[:3]
 
 
-def _decomposed(psi: Array) -> tuple[Array, NDArray[np.int64], Array, Array]:
+def _decomposed(psi: Array, tolerance: float) -> tuple[Array, NDArray[np.int64], Array, Array]:
     """Return U, the ranks and V^T as of ``null_spaces``, and the singular values (T, min(m, nv))."""
     samples, m, nv = psi.shape
     if not m:
         still = np.tile(np.eye(nv), (samples, 1, 1))
         return np.zeros((samples, 0, 0)), np.zeros(samples, dtype=int), still, np.zeros((samples, 0))
     U, s, Vt = np.linalg.svd(psi, full_matrices=True)
-    return U, (s > RANK * s[:, :1]).sum(axis=1), Vt, s
+    return U, (s > tolerance * s[:, :1]).sum(axis=1), Vt, s
 
 
 @record
@@ -109,7 +111,7 @@ class Hold:
     """How actuators and loops can share any load where a mechanism is: what depends on positions alone.
 
     psi : (T, m, nv). columns : the actuated velocity coordinates. N : (T, nv, f). inverse : (N^T B)^+ (T, n, f), None
-    without freedom or actuators. loops : (Psi^T)^+ (T, m, nv). rank : of Psi. commanded : as of ``Shared``.
+    without freedom or actuators. loops : (Psi^T)^+ (T, m, nv). rank : of Psi. commanded, tolerance : as of ``Shared``.
     """
 
     psi: Array
@@ -119,20 +121,21 @@ class Hold:
     loops: Array
     rank: int
     commanded: int
+    tolerance: float
 
     @staticmethod
-    def of(psi: Array, actuated: Sequence[int]) -> Hold:
+    def of(psi: Array, actuated: Sequence[int], tolerance: float = RANK) -> Hold:
         """Return it for Psi (T, m, nv) and actuated velocity coordinates.
 
         Raises
         ------
         LostRank
         """
-        N, rank, loops = _freedom(psi)
+        N, rank, loops = _freedom(psi, tolerance)
         columns = list(actuated)
         A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
         if not N.shape[2] or not columns:
-            return Hold(psi, columns, N, None, loops, rank, 0)
+            return Hold(psi, columns, N, None, loops, rank, 0, tolerance)
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         held = (s > RANK).sum(axis=1)
         commanded = int(held.max(initial=0))
@@ -143,7 +146,7 @@ class Hold:
         if len(columns) == N.shape[2] == commanded and rank == psi.shape[1]:
             _refuse_passing(psi, columns, A, N)
         inverse = np.swapaxes(_inverse(U, s, Vt, commanded), 1, 2)
-        return Hold(psi, columns, N, inverse, loops, rank, commanded)
+        return Hold(psi, columns, N, inverse, loops, rank, commanded, tolerance)
 
     def share(self, needed: Mapping[str, Array]) -> Shared:
         """Return how terms of u (T, nv) by name are shared.
@@ -164,16 +167,18 @@ class Hold:
         left = rest - np.einsum("tmv,tm->tv", self.psi, lam)
         residual = float(np.abs(left).max(initial=0.0))
         commanded = self.commanded
-        if commanded < freedom and residual > FEASIBLE * float(np.abs([*needed.values()]).max(initial=0.0)):
+        # rows that are left out bear as much as they contradict the others
+        feasible = FEASIBLE if self.tolerance == RANK else self.tolerance
+        if commanded < freedom and residual > feasible * float(np.abs([*needed.values()]).max(initial=0.0)):
             sample = int(np.abs(left).max(axis=1).argmax())
             raise Unbalanced(freedom, commanded, sample, left[sample])
         unique = len(self.columns) <= commanded, self.rank == self.psi.shape[1]
-        return Shared(terms, lam, self.N, freedom, commanded, *unique, residual)
+        return Shared(terms, lam, self.N, freedom, commanded, *unique, residual, self.tolerance)
 
 
-def _freedom(psi: Array) -> tuple[Array, int, Array]:
+def _freedom(psi: Array, tolerance: float) -> tuple[Array, int, Array]:
     """Return N and the rank as of ``allowed_motions``, and (Psi^T)^+ (T, m, nv)."""
-    U, ranks, Vt, s = _decomposed(psi)
+    U, ranks, Vt, s = _decomposed(psi, tolerance)
     rank = int(ranks.max())
     if np.any(ranks < rank):
         sample = int(np.argmin(ranks))
@@ -188,18 +193,21 @@ def _inverse(U: Array, s: Array, Vt: Array, rank: int) -> Array:
     return inverse
 
 
-def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> Shared:
+def share(
+    psi: Array, actuated: Sequence[int], needed: Mapping[str, Array], tolerance: float = RANK
+) -> Shared:
     """Return how actuators and loops share the generalised forces that are needed.
 
     Parameters
     ----------
     psi : (T, m, nv). actuated : their velocity coordinates. needed : terms of u (T, nv) by name.
+    tolerance : ratio of singular values of Psi below which its rows depend on each other.
 
     Raises
     ------
     Unbalanced, LostRank
     """
-    return Hold.of(psi, actuated).share(needed)
+    return Hold.of(psi, actuated, tolerance).share(needed)
 
 
 def _refuse_passing(psi: Array, columns: list[int], A: Array, N: Array) -> None:
@@ -248,13 +256,16 @@ def share_change(
     if N.shape[2]:
         A = np.swapaxes(N, 1, 2)[:, :, columns]
         # any N + dN will do: torques of least norm do not depend on the basis
-        dN = -np.linalg.pinv(psi, rcond=RANK) @ psi_change @ N if psi.shape[1] else np.zeros_like(N)
+        held = np.linalg.pinv(psi, rcond=shared.tolerance)
+        dN = -held @ psi_change @ N if psi.shape[1] else np.zeros_like(N)
         right = np.einsum("tvf,tv->tf", N, rest)
         dtau[:, columns] = least_norm_change(A, tau[:, columns], np.swapaxes(dN, 1, 2)[:, :, columns], right)
     back = rest - dtau
     dlam = np.zeros(lam.shape)
     if psi.shape[1]:
-        dlam = least_norm_change(np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back)
+        dlam = least_norm_change(
+            np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back, shared.tolerance
+        )
     left = back - np.einsum("tmv,tm->tv", psi, dlam)
     most = max(float(np.abs(x).max(initial=0.0)) for x in (load_change, rest, dtau))
     if shared.commanded < shared.freedom and np.abs(left).max(initial=0.0) > KEPT * most:
@@ -263,9 +274,9 @@ def share_change(
     return dtau, dlam
 
 
-def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:
+def least_norm_change(P: Array, x: Array, dP: Array, right: Array, tolerance: float = RANK) -> Array:
     """Return the change of x = P^+ b (T, n) for P + dP, where P dx = ``right`` (T, m) holds."""
-    inverse = np.linalg.pinv(P, rcond=RANK)
+    inverse = np.linalg.pinv(P, rcond=tolerance)
     free = np.einsum("tmn,tm->tn", dP, np.einsum("tnm,tn->tm", inverse, x))
     change: Array = np.einsum("tnm,tm->tn", inverse, right)
     return change + free - np.einsum("tnm,tm->tn", inverse, np.einsum("tmn,tn->tm", P, free))

@@ -26,6 +26,7 @@ from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import rank_tolerances
 from robodyn_cli.solve.load_sharing import Hold, LostRank, Unbalanced, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.dynamics import StateFunction
@@ -130,6 +131,11 @@ def lost_rank(problem: Problem, lost: LostRank, times: Array, q: Array) -> Singu
     )  # fmt: skip
 
 
+def _rounded(problem: Problem, eta: Array) -> float:
+    """Return the ratio of singular values below which rows depend on each other that lack eta (T, m)."""
+    return float(rank_tolerances(problem.model, np.abs(eta).max(initial=0.0)))
+
+
 def build_closed(problem: Problem) -> ClosedLoops:
     """Return the program of a mechanism: its torques share the load with the multipliers of its loops.
 
@@ -172,7 +178,8 @@ class ClosedTorques:
         problem = program.problem
         load = [sum(parts) for parts in zip(*program.terms.values())]
         self.load = StateFunction(problem, ("q", "qd", "qdd"), {"load": load})
-        self.psi = StateFunction(problem, ("q",), {"psi": [list(row.psi) for row in program.rows]})
+        rows = {"psi": [list(row.psi) for row in program.rows], "eta": [row.eta for row in program.rows]}
+        self.rows = StateFunction(problem, ("q",), rows)
         self.problem, self.driven = problem, velocity_places(problem.model, program.actuated)
         self.last: tuple[Array, Hold] | None = None
 
@@ -190,7 +197,8 @@ class ClosedTorques:
         SingularConfigurationError : loops or actuators lose their hold.
         """
         with telling(self.problem, self.driven, times, q):
-            return Hold.of(self.psi(q)["psi"], self.driven)
+            rows = self.rows(q)
+            return Hold.of(rows["psi"], self.driven, _rounded(self.problem, rows["eta"]))
 
 
 @record
@@ -221,7 +229,7 @@ class ClosedLoops(InverseProgram):
         psi = arrays["psi"].reshape(len(times), len(self.rows), self.problem.model.nv)
         driven = velocity_places(self.problem.model, self.actuated)
         with telling(self.problem, driven, times, motion.q):
-            shared = share(psi, driven, self.loads(arrays))
+            shared = share(psi, driven, self.loads(arrays), _rounded(self.problem, arrays["eta"]))
         terms = dict(shared.terms)
         if geared(self.problem.model):
             lost = self._losses(self.loads(arrays), shared.tau, motion.qdd, motion.qd)
@@ -245,7 +253,7 @@ class ClosedLoops(InverseProgram):
         assert sampled.loops is not None
         psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
         try:
-            tau = share(psi, sampled.loops.driven, loads).tau
+            tau = share(psi, sampled.loops.driven, loads, sampled.loops.shared.tolerance).tau
         except (LostRank, Unbalanced):
             return None
         if not geared(self.problem.model):
@@ -260,8 +268,9 @@ class ClosedLoops(InverseProgram):
         psi, arrays = sampled.loops.psi, sampled.arrays
         nv = psi.shape[2]
         M, bias = arrays["M"].reshape(-1, nv, nv), arrays["bias"]
-        qdd = accelerations(M, sampled.applied - bias, psi, arrays["gamma"])
-        return qdd, accelerations(M, -bias, psi, 0.0 * arrays["gamma"])
+        tolerance = sampled.loops.shared.tolerance
+        qdd = accelerations(M, sampled.applied - bias, psi, arrays["gamma"], tolerance)
+        return qdd, accelerations(M, -bias, psi, 0.0 * arrays["gamma"], tolerance)
 
     def row_multipliers(self, sampled: Sampled) -> Array:
         # those of prescribed joints are torques of their actuators here

@@ -21,7 +21,7 @@ from robodyn_cli.observe.joint_limits import bounds_at_rest
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
 from robodyn_cli.solve.closing.balance import Balance, balance
-from robodyn_cli.solve.closure import CLOSED, Numbers, newton
+from robodyn_cli.solve.closure import CLOSED, CUT, RANK, Numbers, newton, rank_tolerances
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, rounded_up
 from robodyn_cli.summaries.mechanism import Balanced, Held
@@ -130,9 +130,10 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     """
     conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
     forces = RestForces(problem, conditions)
-    rest, starts = balance(conditions, forces, q), 0
+    tolerance = float(rank_tolerances(problem.model, gap_at(problem, q)))
+    rest, starts = balance(conditions, forces, q, tolerance), 0
     if rest.converged and not is_within(problem, rest.q):
-        within = _balances_within(problem, conditions, forces, q)
+        within = _balances_within(problem, conditions, forces, q, tolerance)
         starts = 0 if within else STARTS
         rest = min(within, key=lambda one: float(np.linalg.norm(one.q - q)), default=rest)
     if not rest.converged:
@@ -143,6 +144,12 @@ def balanced(problem: Problem, q: Array) -> AtRest:
         )  # fmt: skip
     _, J = conditions.at(rest.q, 0.0)
     return at_balance(problem, rest, problem.numbers(problem.actuator_torques, rest.q), J, starts)
+
+
+def gap_at(problem: Problem, q: Array) -> float:
+    """Return by how much the loops are open at q (nq,) [rad or m]."""
+    eta = problem.numbers([row.eta for row in problem.constraints.loop_rows], q)
+    return float(np.abs(eta).max(initial=0.0))
 
 
 def at_balance(problem: Problem, rest: Balance, tau: Array, J: Array, starts: int = 0) -> AtRest:
@@ -164,7 +171,7 @@ def is_within(problem: Problem, q: Array) -> bool:
 
 
 def _balances_within(
-    problem: Problem, conditions: LoopConditions, forces: RestForces, q: Array
+    problem: Problem, conditions: LoopConditions, forces: RestForces, q: Array, tolerance: float
 ) -> list[Balance]:
     """Return the balances within the limits of the joints to which random starts there lead; other joints start as at q
     (nq,)."""
@@ -175,10 +182,11 @@ def _balances_within(
         for k, (low, high) in bounds_at_rest(problem.scene, problem.model).items():
             nearest = min(max(q[k], low), high)
             start[k] = rng.uniform(max(low, nearest - np.pi), min(high, nearest + np.pi))
-        closed, left = newton(conditions, start, range(problem.model.nv))
-        if left > CLOSED or loops.turned(closed) or not is_within(problem, closed):
+        cut = CUT if tolerance == RANK else tolerance
+        closed, left = newton(conditions, start, range(problem.model.nv), cut=cut)
+        if left > max(CLOSED, cut) or loops.turned(closed) or not is_within(problem, closed):
             continue
-        rest = balance(conditions, forces, closed)
+        rest = balance(conditions, forces, closed, tolerance)
         if rest.converged and is_within(problem, rest.q):
             balances.append(rest)
     return balances

@@ -248,6 +248,14 @@ def _beyond_limits(problem: Problem, sampled: Sampled, breaks: Breaks) -> list[s
     return limit_warnings(joints, sampled.times, rates, motion.q, breaks)
 
 
+def _rounding_warnings(problem: Problem, planned: Planned) -> list[str]:
+    if not planned.residuals:
+        return []
+    from robodyn_cli.given.guided_motion import rounding_warnings
+
+    return rounding_warnings(problem, planned)
+
+
 def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
     if not any(body.forces for body in problem.model.bodies):
         return []
@@ -345,6 +353,7 @@ def summarise(
         warnings=[
             *_beyond_limits(problem, sampled, loaded.breaks),
             *half_turns(problem, sampled),
+            *_rounding_warnings(problem, planned),
             *_rest_warnings(problem, planned),
             *_payload_warnings(problem, sampled),
             *inexact,

@@ -12,7 +12,7 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.given.guided_motion import guided_motion
+from robodyn_cli.given.guided_motion import guided_motion, rounding_warnings
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.given.motion import (
     Planned,
@@ -283,7 +283,7 @@ def summarise(
         termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
-        warnings=_beyond_limits(problem, planned) or ABSENT,
+        warnings=[*_beyond_limits(problem, planned), *rounding_warnings(problem, planned)] or ABSENT,
         joints=_joint_ranges(result, breaks, closed),
         points=_point_paths(result, breaks),
         at=places_at(problem.scene, result, closed) or ABSENT,

@@ -24,6 +24,7 @@ from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerances
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve import closure
 from robodyn_cli.solve.closing.assembly import Assembled, assemble
 from robodyn_cli.solve.load_sharing import LostRank, Shared, Unbalanced, share
 from robodyn_cli.spatial.algebra import Array
@@ -34,7 +35,7 @@ from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank, unbalanced
 from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.equilibria import AtRest, balanced, refuse_unknown
+from robodyn_cli.works.equilibria import AtRest, balanced, gap_at, refuse_unknown
 
 
 def held(problem: Problem, q: Array) -> AtRest:
@@ -45,7 +46,7 @@ def held(problem: Problem, q: Array) -> AtRest:
     CapabilityError : too few actuators. SingularConfigurationError : they cannot hold it there.
     """
     needed = {name: problem.numbers(term, q) for name, term in terms_at_rest(problem).items()}
-    return held_by_actuators(problem, q, needed, psi_at(problem, q))
+    return held_by_actuators(problem, q, needed, psi_at(problem, q), gap_at(problem, q))
 
 
 def terms_at_rest(problem: Problem) -> dict[str, list[Scalar]]:
@@ -60,8 +61,11 @@ def terms_at_rest(problem: Problem) -> dict[str, list[Scalar]]:
     return terms
 
 
-def held_by_actuators(problem: Problem, q: Array, needed: Mapping[str, Array], psi: Array) -> AtRest:
-    """Return what actuators give of the terms (nv,) that a configuration needs, where Psi (m, nv) is that of its loops.
+def held_by_actuators(
+    problem: Problem, q: Array, needed: Mapping[str, Array], psi: Array, gap: float
+) -> AtRest:
+    """Return what actuators give of the terms (nv,) that a configuration needs, where Psi (m, nv) is that of its loops,
+    which are open by ``gap`` [rad or m].
 
     Raises
     ------
@@ -69,7 +73,10 @@ def held_by_actuators(problem: Problem, q: Array, needed: Mapping[str, Array], p
     """
     names = holding_joints(problem)
     rows = {name: term[None] for name, term in needed.items()}
-    shared = _shared(problem, psi, names, rows or {"gravity": np.zeros((1, problem.model.nv))}, q)
+    tolerance = float(closure.rank_tolerances(problem.model, gap))
+    shared = _shared(
+        problem, (psi, tolerance), names, rows or {"gravity": np.zeros((1, problem.model.nv))}, q
+    )
     facts = Held(list(names), *shared.uniqueness, shared.residual)
     split = {name: term[0] for name, term in shared.terms.items()}
     return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)
@@ -86,11 +93,16 @@ def holding_joints(problem: Problem) -> tuple[str, ...]:
 
 
 def _shared(
-    problem: Problem, psi: Array, names: tuple[str, ...], needed: Mapping[str, Array], q: Array
+    problem: Problem,
+    rows: tuple[Array, float],
+    names: tuple[str, ...],
+    needed: Mapping[str, Array],
+    q: Array,
 ) -> Shared:
+    """Return how actuators share the load; rows : Psi (m, nv), and the ratio of singular values that counts."""
     columns = velocity_places(problem.model, names)
     try:
-        shared = share(psi[None], columns, needed)
+        shared = share(rows[0][None], columns, needed, rows[1])
         lacking = shared.commanded < shared.freedom <= len(columns)
         freedom, commanded = shared.freedom, shared.commanded
     except Unbalanced as found:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli import Mechanism, load_scene, load_scene_text, simulate
+from robodyn_cli import Mechanism, inverse, linearise, load_scene, load_scene_text, simulate, statics
 from robodyn_cli.cli.commands.assemble import describe
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, GeometryError
+from robodyn_cli.errors import GeometryError
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.closure import CLOSED, ROUNDED, Numbers, newton
@@ -256,11 +256,15 @@ def test_what_closes_exactly_stays_exact() -> None:
     assert result.summary["tolerance"] == CLOSED and result.summary["residual"]["position"] < 1e-15
 
 
-def test_rounded_data_move_as_exact_ones() -> None:
+@pytest.mark.parametrize("rubs", [False, True], ids=["smooth", "friction in all pins"])
+def test_rounded_data_move_as_exact_ones(rubs: bool) -> None:
     start = "initial={q: {crank: 0.5}, hold: [crank]}"
     ends = []
     for tilt, off in (("[3e-8, -2e-8, 0]", "3e-8"), ("[0, 0, 0]", "0")):
-        scene = load_scene_text(BARS.format(tilt=tilt, off=off), overrides=(start,))
+        text = BARS.format(tilt=tilt, off=off)
+        if rubs:
+            text = text.replace(", axis: [", ", friction: {law: set_valued, coulomb: 0.02}, axis: [")
+        scene = load_scene_text(text, overrides=(start,))
         ends.append(simulate(scene)["q"][-1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
     assert abs(ends[0][0] - 0.5) > 0.1
@@ -279,14 +283,45 @@ def test_rounded_data_have_the_same_nearest_pose_as_exact_ones() -> None:
     )
 
 
-def test_led_motions_of_rounded_data_say_why_not() -> None:
-    """They close at every sample to 1e-9; a simulation with the motion prescribed leaves the rows out."""
-    text, led = BARS.format(tilt="[3e-8, -2e-8, 0]", off="3e-8"), "prescribed.crank=0.5+0.3*t"
-    with pytest.raises(CapabilityError, match=r"pin.z.* follow .* rounding .* open by 3.2e-08 m"):
-        kinematics(load_scene_text(text, overrides=(led,)))
-    assert simulate(load_scene_text(text, overrides=(led,)))["q"][-1, 0] == pytest.approx(0.59, abs=1e-9)
-    fine = load_scene_text(BARS.format(tilt="[0, 0, 0]", off="1e-10"), overrides=(led,))
-    assert kinematics(fine)["q"][-1, 0] == pytest.approx(0.59, abs=1e-9)
+@pytest.mark.parametrize("kind", ["revolute", "spherical"])
+def test_rounded_data_are_led_and_balanced_as_exact_ones(kind: str) -> None:
+    """Torques and motion of a led motion, what holds a pose, the balance and the modes are those of data without
+    rounding, far nearer than the loops close; how far they stay open is told."""
+    moves = "trajectory={type: joint, duration: 1, q: {crank: '0.5 + 1.3*t + 0.2*sin(4*t)'}}"
+    holds, at = ("statics={find: hold}", "actuated=[crank]"), "initial={q: {crank: 0.5}, hold: [crank]}"
+    answers: list[list[np.ndarray]] = []
+    for tilt, off in (("[5e-8, 4e-8, 0]", "-8e-8"), ("[0, 0, 0]", "0")):
+        text = BARS.format(tilt=tilt, off=off).replace("type: revolute, between", f"type: {kind}, between")
+        led = inverse(load_scene_text(text, overrides=(moves, "inverse.samples=41")))
+        held = statics(load_scene_text(text, overrides=(at, *holds)))
+        rests = statics(load_scene_text(text, overrides=("initial={q: {crank: 0.5}}",)))
+        modes = linearise(load_scene_text(text, overrides=(at, "torques={crank: 0.3}"))).summary["modes"]
+        poles = np.array([[mode["real"], mode["imaginary"]] for mode in modes])
+        answers.append([led["q"], led["tau"], held["tau"], rests["q"], poles])
+        gap = led.summary["constraint_residual"]["position"]
+        assert (1e-9 < gap < 1e-6) == ("e-8" in tilt)
+        assert any("loops stay open" in text for text in led.summary.get("warnings", ())) == ("e-8" in tilt)
+        assert held.summary["equilibrium"]["torques"] == "unique"
+    for rounded, exact in zip(*answers):
+        np.testing.assert_allclose(rounded, exact, atol=1e-10)
+    assert kinematics(load_scene_text(text, overrides=("prescribed.crank=0.5+0.3*t",)))["q"][-1, 0] == (
+        pytest.approx(0.59, abs=1e-9)
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_joint_aside_does_not_make_rounding_a_row(seed: int) -> None:
+    """Where only a joint that no loop ties has a value, a ball's tiny row is rounding as it is from nothing."""
+    rng = np.random.default_rng(seed)
+    tilt, off = (rng.uniform(-8e-8, 8e-8, n) for n in (2, 1))
+    text = BARS.format(tilt=f"[{tilt[0]:.3g}, {tilt[1]:.3g}, 0]", off=f"{off[0]:.3g}")
+    text = text.replace("type: revolute, between", "type: spherical, between")
+    aside = "    - {name: aside, type: revolute, parent: base, link: flag, axis: [0, 0, 1]}\n"
+    flag = "    - {name: flag, mass: 1, com: [0.1, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}\n"
+    text = text.replace("  links:", aside + "  links:").replace("  points:", flag + "  points:")
+    summary = assembled(text, "initial={q: {aside: 0.3}}").summary
+    assert (summary["mobility"]["rank"], summary["mobility"]["actual"]) == (2, 2)
+    assert summary["tolerance"] == ROUNDED and summary["mobility"]["largest_dropped"] < 1e-6
 
 
 def test_rounded_data_are_accelerated_as_exact_ones() -> None:

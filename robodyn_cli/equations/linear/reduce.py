@@ -16,6 +16,7 @@ from robodyn_cli.equations.linear.residuals import Residuals, States, drift
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import RANK as SINGULAR
+from robodyn_cli.solve.closure import rank_tolerances
 from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array
 
@@ -43,15 +44,18 @@ class Linear:
     lam: Array
 
 
-def independent(psi: Array, wished: Sequence[int]) -> tuple[int, ...]:
-    """Return the places of independent coordinates, ``wished`` among them where that is a good choice; psi (m, nv)."""
+def independent(psi: Array, wished: Sequence[int], tolerance: float = RANK) -> tuple[int, ...]:
+    """Return the places of independent coordinates, ``wished`` among them where that is a good choice; psi (m, nv).
+
+    tolerance : ratio of its singular values below which rows depend on each other.
+    """
     from scipy.linalg import qr
 
     nv = psi.shape[1]
     if not len(psi):
         return tuple(range(nv))
     s = np.linalg.svd(psi, compute_uv=False)
-    rank = int((s > RANK * s[0]).sum())
+    rank = int((s > tolerance * s[0]).sum())
     best = qr(psi, mode="r", pivoting=True)
     taken = list(best[1][:rank])
     others = [k for k in range(nv) if k not in wished]
@@ -114,11 +118,20 @@ def accelerations(
     return a[:, :, 0], lam[:, :, 0]
 
 
-def multipliers(values: Mapping[str, Array], a: Array, tau: Array) -> Array:
+def multipliers(values: Mapping[str, Array], a: Array, tau: Array, tolerance: float = RANK) -> Array:
     """Return the multipliers (T, m) of least norm of a motion with accelerations a and torques tau (T, nv)."""
     needed = values["M"] @ a[:, :, None] + (values["load"] - tau)[:, :, None]
-    lam: Array = np.linalg.pinv(np.swapaxes(values["Psi"], 1, 2), rcond=RANK) @ needed
+    lam: Array = np.linalg.pinv(np.swapaxes(values["Psi"], 1, 2), rcond=tolerance) @ needed
     return lam[:, :, 0]
+
+
+def _tolerance(equations: Residuals, states: States, exact: float) -> float:
+    """Return the ratio of singular values below which rows depend on each other at the first state."""
+    problem = equations.problem
+    eta = problem.numbers(
+        [row.eta for row in problem.constraints.loop_rows], states.q[0], float(states.times[0])
+    )
+    return float(rank_tolerances(problem.model, np.abs(eta).max(initial=0.0), exact))
 
 
 def linearise_states(
@@ -131,9 +144,10 @@ def linearise_states(
     nv, n = equations.problem.model.nv, len(places)
     values = equations.values(states)
     if states.a is None:
-        a, lam = accelerations(values, states.tau)
+        a, lam = accelerations(values, states.tau, _tolerance(equations, states, SINGULAR))
     else:
-        a, lam = states.a, multipliers(values, states.a, states.tau)
+        a = states.a
+        lam = multipliers(values, a, states.tau, _tolerance(equations, states, RANK))
     slopes = equations.derivatives(states, a, lam)
     A, B = np.zeros((len(states), 2 * n, 2 * n)), np.zeros((len(states), 2 * n, len(inputs)))
     rounding = np.zeros_like(A)

@@ -206,7 +206,7 @@ class JointStates(Watcher):
         resting = np.eye(self.problem.model.nv)[[self.joints[j].v for j in sorted(self.rest)]]
         held = np.concatenate([self._mass_matrix_and_psi(t, x)[1], self.held_rows(t, x)])
         before, after = (
-            np.linalg.norm(motions_left(rows, DEPENDENT), axis=1) > DEPENDENT
+            np.linalg.norm(motions_left(rows, max(self._tolerance, DEPENDENT)), axis=1) > DEPENDENT
             for rows in (held, np.concatenate([held, resting]))
         )
         slow = SAME_REST * float(np.abs(x[list(self.system.v_places)]).max(initial=self._fastest))

@@ -133,6 +133,7 @@ class _RunConditions:
     def __init__(self, guided: Guided, values: Array, times: Array) -> None:
         base = guided.conditions
         self.lengths, self.sizes, self.manifold, self._base = base.lengths, base.sizes, base.manifold, base
+        self.same, self.singular = base.same, base.singular
         self._guided, self._times, self._numbers = guided, times, guided.built.numbers(values)
         each, place = np.unique(times, return_inverse=True)
         self._asked = [x[place] for x in base.lead.asked(each)]

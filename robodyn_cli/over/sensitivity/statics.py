@@ -28,14 +28,14 @@ from robodyn_cli.over.sensitivity.led import velocity_map
 from robodyn_cli.over.sensitivity.motion.ends import Closing, given_slopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import rank_tolerances
 from robodyn_cli.solve.load_sharing import Unbalanced, allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.torques.closed import unbalanced_by_a_key
-from robodyn_cli.works.equilibria import balanced, load_at_rest, staying
+from robodyn_cli.works.equilibria import balanced, gap_at, load_at_rest, staying
 from robodyn_cli.works.statics import assembled_at_rest, holding_joints, problem_of, terms_at_rest
 
-RANK = 1e-8  # as ``solve/load_sharing.py`` solves for multipliers
 INDIFFERENT = 1e-9  # part of the largest stiffness below which a configuration may be any
 
 
@@ -113,7 +113,7 @@ class StaticsSlopes:
         groups = {"t": np.zeros((1, 1)), "q": q[None], "v": still, "a": still}
         lam = np.zeros((1, len(self.problem.constraints.rows)))
         along = self.gradients({**groups, "lam": lam}, p)
-        rest = self._balanced(along) if self.balances else self._held(along, q)
+        rest = self._balanced(along, q) if self.balances else self._held(along, q)
         rest.values["q"] = q
         if self.loads is not None:
             along = self.gradients({**groups, "lam": rest.values["lam"][None]}, p)
@@ -122,18 +122,23 @@ class StaticsSlopes:
                 rest.values[path], rest.changes[path] = along[path][0], along.change(path, moved)[0]
         return rest
 
-    def _balanced(self, along: Along) -> Rest:
+    def _tolerance(self, q: Array) -> float:
+        """Return the ratio of singular values below which rows depend on each other."""
+        return float(rank_tolerances(self.problem.model, gap_at(self.problem, q)))
+
+    def _balanced(self, along: Along, q: Array) -> Rest:
         nv, rows = self.problem.model.nv, len(self.problem.constraints.rows)
         N, J = along["N"].reshape(-1, nv), along["J"].reshape(-1, nv)
-        lam = np.linalg.pinv(J.T, rcond=RANK) @ along["load"][0] if len(J) else np.zeros(0)
+        tolerance = self._tolerance(q)
+        lam = np.linalg.pinv(J.T, rcond=tolerance) @ along["load"][0] if len(J) else np.zeros(0)
         slopes = {
             name: (along.by(name, "q")[0] @ N, along.by(name, KEYS)[0]) for name in ("load", "J", "values")
         }
         J_q, J_k = (x.reshape(len(J), nv, x.shape[1]) for x in slopes["J"])
         K, load_k = (x - np.tensordot(lam, y, 1) for x, y in zip(slopes["load"], (J_q, J_k)))
         change = np.concatenate([slopes["values"][1], -self._given(self.lead.joints)])
-        step = -np.linalg.pinv(J, rcond=RANK) @ change
-        free = allowed_motions(J[None])[0][0]
+        step = -np.linalg.pinv(J, rcond=tolerance) @ change
+        free = allowed_motions(J[None], tolerance)[0][0]
         reduced = free.T @ K @ free
         if reduced.size and np.linalg.cond(reduced) > 1.0 / INDIFFERENT:
             raise CapabilityError("the balance is indifferent: no force decides the configuration")
@@ -141,7 +146,7 @@ class StaticsSlopes:
         dJ, dload = J_q @ step + J_k, slopes["load"][0] @ step + slopes["load"][1]
         back = dload - np.tensordot(lam, dJ, 1)
         dlam = np.stack([
-            least_norm_change(J.T[None], lam[None], dJ[:, :, k].T[None], back[:, k][None])[0]
+            least_norm_change(J.T[None], lam[None], dJ[:, :, k].T[None], back[:, k][None], tolerance)[0]
             for k in range(len(self.numbers))
         ], axis=1)  # fmt: skip
         dq = N @ step
@@ -166,7 +171,7 @@ class StaticsSlopes:
         loops = constraints.of_loops
         psi = along["J"].reshape(1, -1, model.nv)[:, loops]
         columns = velocity_places(model, holding_joints(problem))
-        shared = share(psi, columns, {"load": along["load"]})
+        shared = share(psi, columns, {"load": along["load"]}, self._tolerance(q))
         dJ = along.change("J", {"q": dq[None]}).reshape(-1, model.nv, len(self.numbers))[loops]
         dload = along.change("load", {"q": dq[None]})
         try:

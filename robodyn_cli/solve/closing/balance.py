@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import RANK, SLOW, Conditions, newton
+from robodyn_cli.solve.closure import CUT, RANK, SLOW, Conditions, newton
 from robodyn_cli.solve.load_sharing import null_spaces
 from robodyn_cli.spatial.algebra import Array
 
@@ -42,11 +42,14 @@ class Forces(Protocol):
 class ManyAtRest(Protocol):
     """Constraints and ``Forces`` of R runs side by side, at positions q (R, nq).
 
-    lengths : (nv,) size of a large motion of each coordinate.
+    lengths : (nv,) size of a large motion of each coordinate. tolerance : ratio of singular values of J below which
+    rows depend on each other.
     """
 
     @property
     def lengths(self) -> Array: ...
+    @property
+    def tolerance(self) -> float: ...
 
     def jacobian(self, q: Array) -> Array:
         """Return J (R, m, nv)."""
@@ -66,6 +69,7 @@ class _OneAtRest:
 
     conditions: Conditions
     forces: Forces
+    tolerance: float
 
     @property
     def lengths(self) -> Array:
@@ -76,7 +80,8 @@ class _OneAtRest:
 
     def moved(self, q: Array, dq: Array) -> tuple[Array, Array]:
         start = self.conditions.step(q[0], dq[0])
-        there, residual = newton(self.conditions, start, range(len(self.lengths)), SLOW)
+        cut = CUT if self.tolerance == RANK else self.tolerance
+        there, residual = newton(self.conditions, start, range(len(self.lengths)), SLOW, cut)
         return there[None], np.array([residual])
 
     def load(self, q: Array) -> Array:
@@ -147,9 +152,12 @@ class _Here:
         return _Here(*(np.where(rows.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in own))
 
 
-def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
-    """Return the balance that descent reaches from a closed configuration q (nq,); see ``balances``."""
-    return balances(_OneAtRest(conditions, forces), q[None])[0]
+def balance(conditions: Conditions, forces: Forces, q: Array, tolerance: float = RANK) -> Balance:
+    """Return the balance that descent reaches from a closed configuration q (nq,); see ``balances``.
+
+    tolerance : see ``ManyAtRest``.
+    """
+    return balances(_OneAtRest(conditions, forces, tolerance), q[None])[0]
 
 
 def balances(rest: ManyAtRest, q: Array, most: int = ITERATIONS) -> list[Balance]:
@@ -205,7 +213,9 @@ def _stepped(rest: ManyAtRest, here: _Here, step: Array, waiting: Which) -> tupl
         there, went = there.put(waiting, trial), went | waiting
         # the force along the step, in the tangent space at its end
         ahead = (np.swapaxes(trial.N, 1, 2) @ here.along(step)[..., None])[..., 0]
-        waiting &= (residual >= CLOSED) | ((ahead * trial.free).sum(axis=1) > 0.5 * slope + 1e-300)
+        waiting &= (residual >= closed_up_to(rest.tolerance)) | (
+            (ahead * trial.free).sum(axis=1) > 0.5 * slope + 1e-300
+        )
         if not waiting.any():
             break
         half = np.where(waiting, 0.5, 1.0)
@@ -228,15 +238,20 @@ def _at(rest: ManyAtRest, q: Array, before: _Here | None = None) -> _Here:
     ones."""
     J = rest.jacobian(q)
     J = np.where(np.isfinite(J).all(axis=(1, 2), keepdims=True), J, 0.0)
-    _, ranks, Vt = null_spaces(J)
+    _, ranks, Vt = null_spaces(J, rest.tolerance)
     one = before is None or len(q) == 1
     rank = int(ranks.max()) if one or before is None else J.shape[2] - before.N.shape[2]
     N = np.swapaxes(Vt[:, rank:], 1, 2)
     r = np.where((ranks == rank)[:, None], rest.load(q), np.nan)
-    lam = (np.linalg.pinv(np.swapaxes(J, 1, 2), rcond=RANK) @ r[..., None])[..., 0]
+    lam = (np.linalg.pinv(np.swapaxes(J, 1, 2), rcond=rest.tolerance) @ r[..., None])[..., 0]
     free = (np.swapaxes(N, 1, 2) @ r[..., None])[..., 0]
     carried = (np.swapaxes(np.abs(J), 1, 2) @ np.abs(lam)[..., None])[..., 0]
     return _Here(q, N, lam, free, np.abs(r) + carried)
+
+
+def closed_up_to(tolerance: float) -> float:
+    """Return the relative residual up to which loops are closed whose rows depend on each other below a ratio."""
+    return CLOSED if tolerance == RANK else tolerance
 
 
 def _finite(K: Array) -> Array:

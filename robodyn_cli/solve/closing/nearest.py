@@ -69,7 +69,8 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
     exact = _regular(numbers, poses)[0] if poses else None
     if exact is None or _hides_dependence(numbers, exact[1]):
-        rounded = _close_rounded(numbers, q, task, near)
+        # exact steps may go far along what is no row but for rounding, and come near nothing
+        rounded = _close_rounded(numbers, q, task, near or starts)
         if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
             # a pose that is given whole, and closed as well as such rows may be, stays what it is
             whole = not task.missing and np.abs(numbers.relative(q)).max() <= ROUNDED
@@ -112,7 +113,7 @@ def _hides_dependence(numbers: Numbers, closed: Array) -> bool:
 def _spends_freedom(numbers: Numbers, exact: Pose, rounded: Pose) -> bool:
     """Tell whether an exact pose is worse than one closed but for rounding: farther off, or with a freedom less."""
     psi = numbers.psi(exact[1])
-    return rank(psi, RANK_TOLERANCE) > rank(psi, ROUNDED) or rounded[0] < exact[0] - ROUNDED
+    return rank(psi) > rank(psi, ROUNDED) or rounded[0] < exact[0] - ROUNDED
 
 
 def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> Pose | None:

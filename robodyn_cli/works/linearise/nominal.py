@@ -19,6 +19,7 @@ from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import passive_coordinates, prepare, refuse_changes
+from robodyn_cli.ready.singularity import rounded_rank
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -243,7 +244,7 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
         states, force = States.one(states.q[0], 0.0 * states.v[0]), _passive
     equations = Residuals(problem, force(problem), _parameters(problem, states))
     psi = equations.values(states)["Psi"]
-    places = independent(psi[0], inputs)
+    places = independent(psi[0], inputs, rounded_rank(problem, states.q[0]))
     if question.about == "hold":
         states = _held(equations, states, inputs, places)
     torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)

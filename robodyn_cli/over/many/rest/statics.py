@@ -32,7 +32,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import Assembled
 from robodyn_cli.solve.closing.balance import balances, first_steps
-from robodyn_cli.solve.closure import newton_of_many
+from robodyn_cli.solve.closure import RANK, newton_of_many
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.summaries.keys import leaf_of
@@ -133,6 +133,7 @@ class RunsAtRest:
         self.structure, self.numbers, self.q, self.sound = structure, numbers, q, sound
         conditions = self._conditions = structure.conditions
         self.problem, self.lengths, self.sizes = structure.problem, conditions.lengths, conditions.sizes
+        self.tolerance = RANK  # what closes but for rounding goes to the command
         self._free = moving_freely(self.problem.contact_joints)
         names = self.problem.model.q_names
         self._held = [names.index(name) for name in conditions.lead.positions]
@@ -191,7 +192,8 @@ class RunsAtRest:
         for k in np.flatnonzero(self.sound):
             own = {name: x[k] for name, x in terms.items()}
             with contextlib.suppress(RobodynError, np.linalg.LinAlgError):  # the command names it
-                found[k] = held_by_actuators(problem, self.q[k], own, psi[k]), (eta[k], psi[k])
+                gap = float(np.abs(eta[k]).max(initial=0.0))
+                found[k] = held_by_actuators(problem, self.q[k], own, psi[k], gap), (eta[k], psi[k])
         return found
 
     def loops(self, q: Array) -> tuple[Array, Array]:
