@@ -318,3 +318,22 @@ def test_the_whole_loop_of_several_inputs() -> None:
     np.testing.assert_allclose(result["loop/singular_values"], np.linalg.svd(L, compute_uv=False), rtol=1e-9)
     peak = result.summary["closed_loop"]["sensitivity_peak"]
     assert S.max() <= peak * (1 + 1e-12) < S.max() * 1.01
+
+
+def test_a_mode_beside_the_loop_may_stay_where_it_is() -> None:
+    """A ball below a driven joint turns freely about the vertical: a pole at 1 that the loop neither has nor minds."""
+    text = """\
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 1, 0]}, {name: ball, type: spherical, origin: {xyz: [0, 0, -0.5]}}]
+  links:
+    - {name: A, mass: 2, com: [0, 0, -0.2], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}
+    - {name: B, mass: 1, com: [0, 0, -0.2], inertia: {xx: 0.05, yy: 0.06, zz: 0.02}}
+initial: {q: {a: 0}}
+control: {type: pid, joints: [a], gains: {kp: 80, kd: 9, ki: 10}, period: 0.01, delay: 0.004}
+"""
+    own = linearise(load_scene_text(text)).summary
+    assert own["closed_loop"]["stability"] in ("stable", "marginal")
+    peak = own["loop"]["a"]["sensitivity_peak"]
+    assert peak is None or 1.0 <= peak < 10.0

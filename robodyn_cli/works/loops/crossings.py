@@ -176,7 +176,11 @@ def _end(system: StateSpace, top: float) -> tuple[float, float]:
 
 
 def _sizes(system: StateSpace, points: Array) -> Array:
-    found: Array = np.linalg.norm(system.at(points), 2, axis=(1, 2))
+    """Return the largest singular values of a response, 0 at a pole itself, which a mode beside the loop may have."""
+    y = system.at(points)
+    finite = np.isfinite(y).all(axis=(1, 2))
+    found = np.zeros(len(points))
+    found[finite] = np.linalg.norm(y[finite], 2, axis=(1, 2))
     return found
 
 
@@ -202,5 +206,7 @@ def _with_summits(system: StateSpace, points: Array) -> tuple[Array, Array]:
 def slope_of_size(system: StateSpace, frequency: float) -> float:
     """Return the derivative of the largest singular value of a response by the frequency."""
     y, slope = system.with_slope(np.array([frequency]))
+    if not (np.isfinite(y).all() and np.isfinite(slope).all()):
+        return 0.0
     left, _, right = np.linalg.svd(y[0])
     return float((left[:, 0].conj() @ slope[0] @ right[0].conj()).real)

@@ -107,7 +107,8 @@ def _add_responses(result: Result, loop: ControlLoop) -> None:
     more = np.concatenate([circle_candidates(one) for one in opened])
     frequencies = _thinned(np.unique(np.concatenate([grid(one, more) for one in opened])))
     responses = np.array([one.at(frequencies)[:, 0, 0] for one in opened]).T
-    kept = np.isfinite(responses).all(axis=1)
+    whole = np.isfinite(loop.system.at(frequencies)) & np.isfinite(loop.system.sensitivity.at(frequencies))
+    kept = np.isfinite(responses).all(axis=1) & whole.all(axis=(1, 2))
     frequencies, responses = frequencies[kept], responses[kept]
     result.add("loop/frequency", frequencies)
     result.add("loop/response_real", responses.real, names=loop.joints)
