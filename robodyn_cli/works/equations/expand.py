@@ -21,7 +21,6 @@ from robodyn_cli.works.equations.names import Symbol, SymbolNames
 from robodyn_cli.works.equations.tree import (
     LONGEST,
     EquationFormula,
-    identity,
     leaf,
     name,
     negated,
@@ -29,6 +28,7 @@ from robodyn_cli.works.equations.tree import (
     product,
     raised,
     total,
+    worked_out,
 )
 
 MOST_TERMS, MOST_PAIRS, MOST_ALL = 400, 20_000, 600  # of one expression, of one product, of all entries
@@ -73,19 +73,7 @@ class ExpandedFormulas:
 
     # -- from the graph to sums -----------------------------------------------------------------------
     def _sum(self, x: Any) -> Sum:
-        stack, made = [x], self._made
-        while stack:
-            top = stack[-1]
-            op, args, value = self.names.parts(top)
-            waiting = [a for a in args if identity(a) not in made]
-            key = identity(top)
-            if key in made or not waiting:
-                stack.pop()
-                if key not in made:
-                    made[key] = self._applied(op, [made[identity(a)] for a in args], value)
-            else:
-                stack += reversed(waiting)
-        return made[identity(x)]
+        return worked_out(x, self.names, self._made, lambda node, *parts: self._applied(*parts))
 
     def _applied(self, op: str, args: Sequence[Sum], value: Any) -> Sum:
         if op == "number" or (not args and op == "const"):

@@ -7,12 +7,14 @@ or expanded (``expand.py``). Every writer prints these trees, so all forms say t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.works.equations.names import Symbol, SymbolNames
+
+Made = TypeVar("Made")
 
 LONGEST = 12  # leaves of a formula that may stand inside another one
 SIGNED = ("add", "sub", "neg")
@@ -131,6 +133,32 @@ def identity(x: Any) -> Any:
     return ("fixed", id(x)) if isinstance(x, Fixed) else ("plain", float(x))
 
 
+def worked_out(
+    x: Any,
+    names: SymbolNames,
+    made: dict[Any, Made],
+    of_node: Callable[[Any, str, Sequence[Made], Any], Made],
+) -> Made:
+    """Return what a node of a graph becomes, its arguments first (an explicit stack: graphs may be deep).
+
+    made : what is known, by ``identity``, to which the new is added. of_node : f(node, op, what its arguments became,
+    value).
+    """
+    stack = [x]
+    while stack:
+        top = stack[-1]
+        op, args, value = names.parts(top)
+        waiting = [a for a in args if identity(a) not in made]
+        key = identity(top)
+        if key in made or not waiting:
+            stack.pop()
+            if key not in made:
+                made[key] = of_node(top, op, [made[identity(a)] for a in args], value)
+        else:
+            stack += reversed(waiting)
+    return made[identity(x)]
+
+
 class Temporaries:
     """Formulas of a graph in which a value that is used twice, or is long, has a name.
 
@@ -157,23 +185,10 @@ class Temporaries:
                 pending += self.names.parts(x)[1]
 
     def _formula(self, x: Any) -> EquationFormula:
-        """Return the formula of a node (an explicit stack: graphs may be deep)."""
-        stack, made = [x], self._made
-        while stack:
-            top = stack[-1]
-            op, args, value = self.names.parts(top)
-            waiting = [a for a in args if identity(a) not in made]
-            key = identity(top)
-            if key in made or not waiting:
-                stack.pop()
-                if key not in made:
-                    formula = leaf(self.names, op, value) or _applied(
-                        op, [made[identity(a)] for a in args], value
-                    )
-                    made[key] = self._named(formula, self._uses[key])
-            else:
-                stack += reversed(waiting)
-        return made[identity(x)]
+        return worked_out(x, self.names, self._made, self._of_node)
+
+    def _of_node(self, x: Any, op: str, args: Sequence[EquationFormula], value: Any) -> EquationFormula:
+        return self._named(leaf(self.names, op, value) or _applied(op, args, value), self._uses[identity(x)])
 
     def _named(self, formula: EquationFormula, uses: int) -> EquationFormula:
         """Return a name for a formula that others should not hold."""
