@@ -65,12 +65,12 @@ def with_run(scene: Scene, duration: float, samples: int) -> Scene:
 )
 def test_neighbouring_motions(scene: Scene, duration: float, samples: int) -> None:
     """Motions beside one of ``simulate`` differ from it by what A along it says: x-dot = A(t) x."""
+    manifold = Manifold(Mechanism(scene)._problem.model)
     scene = with_run(scene, duration, samples)
     result = linearise(scene, about="motion")
     states = [s["name"] for s in result.summary["states"]]
     n = len(states) // 2
     A, h = result["linear/A"], result.time[2] - result.time[0]
-    manifold = Manifold(Mechanism(scene)._problem.model)
     q_names, v_names = result.variables["q"].names, result.variables["qd"].names
     places = [v_names.index(name) for name in states[:n]]
     closed = bool(scene.loops or scene.couplers)
