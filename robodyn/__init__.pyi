@@ -270,6 +270,7 @@ def export(
     out: _Path | None = None,
     c: _Path | None = None,
     loop: bool = False,
+    target: str | None = None,
     fmu: _Path | None = None,
     set: _Overrides | None = None,
     key: _Entries | None = None,

@@ -1,7 +1,8 @@
 """Programs as readable C99: one statement for each value that is used twice, sines and cosines by their angles.
 
-Nothing is allocated, nothing is kept between calls, and only ``libm`` is called, through ``tgmath.h``, so that the same
-text serves both precisions.
+Nothing is allocated, nothing is kept between calls, and only ``libm`` is called. A macro F gives numbers and functions
+their precision, so that the same text serves both: ``F(sin)(q[0])``. (C libraries of controllers have no ``tgmath.h``
+that compiles: it takes complex functions that they lack.)
 """
 
 from __future__ import annotations
@@ -210,6 +211,8 @@ class Statements:
         if function in HELPERS:
             function = function if self.names.real == REAL or function == "sum" else f"{function}_of_doubles"
             self.helpers.add(function)
+        elif self.names.real == REAL:
+            function = f"F({function})"
         return f"{function}({', '.join(args)})"
 
 

@@ -145,8 +145,8 @@ def written(target: Path) -> Iterator[Path]:
             raise
 
 
-def written_folder(target: Path, texts: Mapping[str, str]) -> None:
-    """Put text files into a folder at once: a new folder is renamed when it is whole; in one that is there already
+def written_folder(target: Path, contents: Mapping[str, str | bytes]) -> None:
+    """Put files into a folder at once: a new folder is renamed when it is whole; in one that is there already
     files of these names are replaced when all new ones are written.
 
     Raises
@@ -159,13 +159,16 @@ def written_folder(target: Path, texts: Mapping[str, str]) -> None:
         try:
             stage.parent.mkdir(parents=True, exist_ok=True)
             stage.mkdir()
-            for name, text in texts.items():
-                (stage / name).write_text(text, encoding="utf-8")
+            for name, content in contents.items():
+                if isinstance(content, str):
+                    (stage / name).write_text(content, encoding="utf-8")
+                else:
+                    (stage / name).write_bytes(content)
             with uninterrupted():
                 if not there:
                     os.replace(stage, target)
                     return
-                for name in texts:
+                for name in contents:
                     publish(stage / name, target / name)
         finally:
             shutil.rmtree(stage, ignore_errors=True)

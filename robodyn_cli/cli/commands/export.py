@@ -12,10 +12,13 @@ from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import Overrides, Told, choice, file, utf8
 
 if TYPE_CHECKING:
+    from robodyn_cli.over.c99.folder import CFolder
+    from robodyn_cli.over.c99.objects import LibraryObject
     from robodyn_cli.scene.load import Family
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz", "json", "mcap")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
+PROCESSORS = ("cortex-m7",)
 SCENES = (".yaml", ".yml", ".urdf", ".sdf", ".xml", ".mjcf")
 
 
@@ -64,6 +67,16 @@ def command(
     loop: Annotated[
         bool, typer.Option("--loop", help="With --c: the simulation, too, with its events and errors.")
     ] = False,
+    target: Annotated[
+        str | None,
+        typer.Option(
+            "--target",
+            metavar="PROCESSOR",
+            parser=choice(*PROCESSORS),
+            help="With --c: objects of the functions for this controller, too: cortex-m7.",
+            show_default=False,
+        ),
+    ] = None,
     fmu: Annotated[
         Path | None,
         typer.Option(
@@ -98,26 +111,29 @@ def command(
     """Write a stored result, or the robot or the functions of a scene, in another form; return the exit code."""
     console = told.console
     tidy_up_first()
+    objects: list[LibraryObject] = []
     with console.waiting(lambda: "exporting"):
         chosen = [x for x in (c, fmu, to or out) if x is not None]
         alone = len(chosen) == 1
         if alone and c is not None and not inputs:
-            directory, (files, notes) = c, _functions(source, c, (overrides or (), keys or ()), loop)
-        elif alone and fmu is not None and not loop:
+            made = _functions(source, c, (overrides or (), keys or ()), loop, target)
+            directory, files, notes, objects = c, made.files, made.notes, made.objects
+        elif alone and fmu is not None and not (loop or target):
             given = (overrides or (), keys or (), inputs or ())
             directory, (files, notes) = fmu, _unit(source, fmu, given)
-        elif alone and to is not None and out is not None and not (keys or loop or inputs):
+        elif alone and to is not None and out is not None and not (keys or loop or target or inputs):
             directory, (files, notes) = out, _files(source, to, out, overrides or ())
         else:
-            raise _refusal({"--key": keys, "--loop": loop, "--input": inputs})
+            raise _refusal({"--key": keys, "--loop": loop, "--target": target, "--input": inputs})
     for text in notes:
         console.note(f"robodyn: {text}")
-    console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
-    console.say(f"{directory}  ({', '.join(path.name for path in files)})")
+    sizes = {"objects": [one.told for one in objects]} if objects else {}
+    console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes, **sizes})
+    console.say("\n".join([f"{directory}  ({', '.join(path.name for path in files)})", *map(str, objects)]))
     return 0
 
 
-BELONGS = {"--key": "--c or --fmu", "--loop": "--c", "--input": "--fmu"}
+BELONGS = {"--key": "--c or --fmu", "--loop": "--c", "--target": "--c", "--input": "--fmu"}
 
 
 def _refusal(given: Mapping[str, Any]) -> Exception:
@@ -129,9 +145,14 @@ def _refusal(given: Mapping[str, Any]) -> Exception:
 
 
 def _functions(
-    source: Path, directory: Path, given: tuple[Sequence[str], Sequence[str]], loop: bool
-) -> tuple[list[Path], list[str]]:
-    """Write the functions of a scene as C; given : overrides and keys. loop : its simulation, too.
+    source: Path,
+    directory: Path,
+    given: tuple[Sequence[str], Sequence[str]],
+    loop: bool,
+    processor: str | None,
+) -> CFolder:
+    """Write the functions of a scene as C; given : overrides and keys. loop : its simulation, too. processor : for
+    which there are objects.
 
     Raises
     ------
@@ -146,7 +167,7 @@ def _functions(
     overrides, keys = given
     asked = [asked_key(text) for text in keys]
     family = _family(source, overrides)
-    return export_c(family, asked, directory, loop)
+    return export_c(family, asked, directory, loop, processor)
 
 
 def _unit(

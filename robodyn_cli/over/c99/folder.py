@@ -13,6 +13,7 @@ from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.kernels.c99 import comment, literal, wrapped
 from robodyn_cli.over.c99.functions import CFunction
 from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
+from robodyn_cli.over.c99.objects import LibraryObject, objects_of, objects_readme
 from robodyn_cli.over.c99.samples import (
     ALLOWED,
     LEAST,
@@ -23,6 +24,7 @@ from robodyn_cli.over.c99.samples import (
 )
 from robodyn_cli.over.c99.simulation import CSimulation, simulation_of
 from robodyn_cli.over.c99.source import Library, library_name
+from robodyn_cli.record import record
 from robodyn_cli.results.atomic import written_folder
 from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
@@ -96,7 +98,7 @@ at least {units} units of rounding.
 | function | output | double | single |
 |---|---|---|---|
 {errors}
-{loop}{left_out}"""
+{loop}{objects}{left_out}"""
 LOOP_OPTIONS = """option({big}_VECTORS "the loop uses vectors of GCC and Clang" OFF)
 if({big}_VECTORS)
   target_compile_definitions({name} PRIVATE {big}_VECTORS)
@@ -104,17 +106,30 @@ endif()
 """
 
 
-def export_c(
-    family: Family, asked: Sequence[AskedKey], directory: Path, loop: bool = False
-) -> tuple[list[Path], list[str]]:
-    """Write a scene's functions as C into a folder, whole or not at all; return its files, and what there is to say.
+@record
+class CFolder:
+    """What was written: files, notes for the user, and those files that are objects."""
 
-    loop : whether the simulation goes with them.
+    files: list[Path]
+    notes: list[str]
+    objects: list[LibraryObject]
+
+
+def export_c(
+    family: Family,
+    asked: Sequence[AskedKey],
+    directory: Path,
+    loop: bool = False,
+    processor: str | None = None,
+) -> CFolder:
+    """Write a scene's functions as C into a folder, whole or not at all.
+
+    loop : whether the simulation goes with them. processor : for which of ``PROCESSORS`` there are objects, too.
 
     Raises
     ------
     CapabilityError : functions of a state cannot hold a part of the scene, its motion cannot leave, or a key is
-    structure: it is named. OutputError : it cannot be written.
+    structure: it is named; llvmlite is too old for objects. OutputError : it cannot be written.
     """
     starts = [one for one in asked if is_start(family, one)] if loop else []
     made = parametrised(family, [one for one in asked if one not in starts])
@@ -131,17 +146,20 @@ def export_c(
     if loop:
         simulation, without = simulation_of(family, asked, made, library.name)
         notes += [f"not a key of the loop: {', '.join(without)}"] if without else []
-    texts = {
+    objects = [] if processor is None else objects_of(library, processor)
+    about = "" if processor is None else objects_readme(library, processor, objects)
+    contents: dict[str, str | bytes] = {
         f"{library.name}.h": library.header,
         f"{library.name}.c": library.source,
         **({} if simulation is None else simulation.files),
         "self_test.c": SelfTest(library, changed, "" if simulation is None else simulation.test).text,
         "CMakeLists.txt": _cmake(library, simulation is not None),
         f"{library.name}.pc.in": PKG_CONFIG.format(name=library.name, version=__version__),
-        "README.md": _readme(library, changed is not None, simulation),
+        "README.md": _readme(library, changed is not None, simulation, about),
+        **{one.name: one.code for one in objects},
     }
-    written_folder(directory, texts)
-    return [directory / name for name in texts], notes
+    written_folder(directory, contents)
+    return CFolder([directory / name for name in contents], notes, objects)
 
 
 def _cmake(library: Library, loop: bool) -> str:
@@ -154,7 +172,8 @@ def _cmake(library: Library, loop: bool) -> str:
     )  # fmt: skip
 
 
-def _readme(library: Library, twice: bool, simulation: CSimulation | None) -> str:
+def _readme(library: Library, twice: bool, simulation: CSimulation | None, objects: str) -> str:
+    """Return the page about a folder; objects : the part about these."""
     scene = os.path.basename(library.made.own.problem.scene.path)
     rows = [
         f"| `{library.names[one.function]}` | {one.output} | {one.errors['double']:.1e} | {one.errors['single']:.1e} |"
@@ -174,7 +193,7 @@ def _readme(library: Library, twice: bool, simulation: CSimulation | None) -> st
         name=library.name, big=library.big, scene=comment(scene), version=__version__, states=STATES_COMPARED,
         twice=", with the scene's numbers and with others" if twice else "", example="\n".join(example),
         allowed=int(ALLOWED), units=int(ALLOWED * LEAST),
-        errors="\n".join(rows), loop="" if simulation is None else simulation.readme,
+        errors="\n".join(rows), loop="" if simulation is None else simulation.readme, objects=objects,
         left_out=f"\n## Left out\n\n{left}" if left else "",
     )  # fmt: skip
 

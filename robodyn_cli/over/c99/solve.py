@@ -12,9 +12,9 @@ static int solve(int n, real *A, real *b)
     for (k = 0; k < n; ++k) {
         int pivot = k;
         for (i = k + 1; i < n; ++i)
-            if (fabs(A[i * n + k]) > fabs(A[pivot * n + k]))
+            if (F(fabs)(A[i * n + k]) > F(fabs)(A[pivot * n + k]))
                 pivot = i;
-        if (!(fabs(A[pivot * n + k]) > 0))
+        if (!(F(fabs)(A[pivot * n + k]) > 0))
             return 1;
         for (j = 0; j < n && pivot != k; ++j) {
             const real x = A[k * n + j];
@@ -56,8 +56,8 @@ static int eliminate(real A[ROWS][NV + 1], int *row, int *column)
         real most = 0;
         for (i = rank; i < ROWS; ++i)
             for (j = rank; j < NV; ++j)
-                if (fabs(A[row[i]][column[j]]) > most) {
-                    most = fabs(A[row[i]][column[j]]);
+                if (F(fabs)(A[row[i]][column[j]]) > most) {
+                    most = F(fabs)(A[row[i]][column[j]]);
                     best_row = i;
                     best_column = j;
                 }

@@ -218,7 +218,7 @@ class Library:
         solves = any(f.solved for f in self.functions)
         parts = [
             f"/* {own}.h says what these functions do. */\n",
-            f'#include "{own}.h"\n\n#include <string.h>\n#include <tgmath.h>\n',
+            f'#include "{own}.h"\n\n#include <math.h>\n#include <string.h>\n',
             f"typedef {own}_real real;\n",
             f"#ifdef {self.big}_SINGLE\n#define F(x) x##f\n#else\n#define F(x) x\n#endif\n",
             helpers_text(self._helpers | numbers.helpers),
