@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.foreign import opened
 from robodyn_cli.kernels.as_c.words import text_beside
 from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
 from robodyn_cli.over.c99.source import library_name
@@ -140,4 +141,5 @@ def compiled(
         if done.returncode:
             first = done.stderr.strip().splitlines()[:1]
             return {}, [f"{compiler} has failed, the unit has sources alone: {' '.join(first)}"]
-        return {f"binaries/{machine}-{folder}/{out.name}": out.read_bytes()}, []
+        with opened(out) as made:
+            return {f"binaries/{machine}-{folder}/{out.name}": made.read()}, []
