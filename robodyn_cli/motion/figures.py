@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from robodyn_cli.motion.extremes import RecordedMotion
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
-    from robodyn_cli.summaries.response import ResponseKeys
 
 BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has come again
 
@@ -53,7 +52,7 @@ def with_figures(
             found = RunExtremes.of(extremes, scene.simulate.fluctuation)
             summary, others = _with_loads_of_latches(summary, found), [*others, found]
     if responding:
-        others = [*others, _responses(run, motions[0], watch)]
+        others = _with_responses(others, run, motions[0], watch)
     records = [summary, *others]
     if scene.drives:
         from robodyn_cli.drives.report import with_drives
@@ -70,14 +69,18 @@ def with_figures(
     return records
 
 
-def _responses(run: Run, motion: RecordedMotion, watch: Stopwatch) -> ResponseKeys:
-    """Return the responses of what the controller leads."""
-    from robodyn_cli.motion.response import responses
+def _with_responses(records: list[Any], run: Run, motion: RecordedMotion, watch: Stopwatch) -> list[Any]:
+    """Return records with the responses of what the controller leads, and all figures of its torques."""
+    from robodyn_cli.motion.response import responses, with_held_torques
+    from robodyn_cli.summaries.control import ControlKeys
 
     control = run.motion.problem.control
     assert control is not None
     with watch.stage("response"):
-        return responses(motion, control)
+        records = [
+            with_held_torques(motion, control, x) if isinstance(x, ControlKeys) else x for x in records
+        ]
+        return [*records, responses(motion, control)]
 
 
 def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | None) -> MotionSummary:

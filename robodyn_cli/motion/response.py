@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from robodyn_cli.equations.control.control import Control
 from robodyn_cli.motion.extremes import CloseSamples, RecordedMotion
-from robodyn_cli.observe.columns import ChosenColumn
+from robodyn_cli.observe.columns import ChosenColumn, values_of
+from robodyn_cli.observe.controllers.held import driven_paths
+from robodyn_cli.observe.controllers.summary import with_held
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.solve.step_response import NOTHING, SmoothCourse, TimeFigure, rise_of, settling_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.control import ControlKeys, ControlSummary
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.response import Response, ResponseErrors, ResponseKeys
 
@@ -32,6 +37,38 @@ def responses(motion: RecordedMotion, control: Control) -> ResponseKeys:
         return own
     other = ResponseKeys(_of(motion.other, control, off))
     return with_second(own, other, motion.factor(motion.other))
+
+
+def with_held_torques(motion: RecordedMotion, control: Control, keys: ControlKeys) -> ControlKeys:
+    """Return the keys of a controller with figures of its held torques that the samples of the run leave out.
+
+    Raises
+    ------
+    NumericalError, SingularConfigurationError : the motion does not come to its end again.
+    """
+    if control.period is None or keys.control.energy is not ABSENT:
+        return keys
+    designed = {x.name: ABSENT for x in dataclasses.fields(ControlSummary) if x.default is ABSENT}
+    bare = ControlKeys(dataclasses.replace(keys.control, **designed))
+    found = _held(motion.own, control, bare)
+    if motion.again is not None and motion.other is not None:
+        found = with_second(found, _held(motion.other, control, bare), motion.factor(motion.other))
+    told = {name: getattr(found.control, name) for name in ("energy", "saturated", "saturated_error")}
+    return ControlKeys(dataclasses.replace(keys.control, **told))
+
+
+def _held(samples: CloseSamples, control: Control, keys: ControlKeys) -> ControlKeys:
+    """Return the keys of a controller with figures of its held torques from close samples."""
+    paths = driven_paths(control)
+    columns = [
+        ChosenColumn("", path, (k,), "") for path, places in paths.items() for k in range(1 + max(places))
+    ]
+    times = np.concatenate([t for t, _, _ in samples.blocks])
+    t, first = np.unique(times, return_index=True)
+    values = values_of(samples.observer, columns, samples.blocks)[first]
+    ends = np.cumsum([1 + max(places) for places in paths.values()])
+    found = dict(zip(paths, np.split(values, ends[:-1], axis=1)))
+    return with_held(keys, control, t, found.__getitem__, [one.time for one in samples.met])
 
 
 def _off(motion: RecordedMotion) -> float:

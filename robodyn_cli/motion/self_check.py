@@ -296,7 +296,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
 
 def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> ControlKeys:
     """Return what a controller did, with errors by the second run where there is one."""
-    from robodyn_cli.observe.control_summary import control_keys, with_design
+    from robodyn_cli.observe.controllers.summary import control_keys, with_design
     from robodyn_cli.summaries.apart import with_second
 
     ends, instants = (run.beginning.time, run.driver.time), run.driver.instants

@@ -212,7 +212,7 @@ class Recorder:
             result.add(path, data, **self.described(path))
         control = self.observer.problem.control
         if control is not None:
-            from robodyn_cli.observe.control_design import add_design
+            from robodyn_cli.observe.controllers.design import add_design
 
             add_design(result, control)
 

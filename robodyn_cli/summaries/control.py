@@ -68,10 +68,15 @@ class ControlSummary:
     limits: dict[str, float] | Absent = fact("largest torque or force of joints that have one", LOAD)
     least_limits: dict[str, float] | Absent = fact("least one, where it is not the same the other way", LOAD)
     saturated: dict[str, float] | Absent = fact(
-        "time at the limit, of joints that have one", "s", errors=("control.saturated_error.JOINT",)
+        "time at the limit, of joints that have one; of a sampled controller where `control.energy` is known",
+        "s",
+        errors=("control.saturated_error.JOINT",),
     )
     saturated_error: dict[str, float] | Absent = fact("errors of these times", "s")
-    energy: DrivenWork = fact("work of the driven joints")
+    energy: DrivenWork | Absent = fact(
+        "work of the driven joints; of a sampled controller that may change its torques twice between two samples of "
+        "the run only where `outputs.response`, `expect` or `--of` ask for it or for a response"
+    )
     gains: dict[str, dict[str, float]] | Absent = fact(
         "what each row gives (a driven joint; of `computed_torque` its acceleration, of `task_pd` a force along an "
         "axis) for each unit by which a column is off (positions, `qd.NAME`, of `pid` `integral.NAME`), of kinds that "

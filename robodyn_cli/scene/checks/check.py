@@ -10,6 +10,7 @@ from robodyn_cli.errors import plural_of, unknown_name
 from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.scene.text import nodes
 
+HELD = ("control.energy.", "control.saturated")  # begin keys of what follows from torques at all times
 RESPONSE = "response."  # begins keys that ask for the response of what a controller leads
 EXTREMES = "extremes."  # begins keys of summaries that ask for a column over time
 LOCKS = "locks."  # those that tell what latches did

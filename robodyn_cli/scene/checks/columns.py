@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import did_you_mean
-from robodyn_cli.scene.checks.check import EXTREMES, RESPONSE, Check
+from robodyn_cli.scene.checks.check import EXTREMES, HELD, RESPONSE, Check
 from robodyn_cli.scene.checks.robot import column_units, columns
 from robodyn_cli.scene.points import BASE, point_link
 from robodyn_cli.scene.types import Scene, Signal
@@ -28,6 +28,7 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
 DESIGNED = ("poles/", "acceleration_poles/", "relative_rates/", "curvatures/", "ratios/", "pressure_angles/")
 LOADS = ("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench")
 LARGEST_LOAD = re.compile(r"locks\.(.+?)\.(?:errors\.)?peak_(?:moment|time)")
+SAME = 1e-9  # part of a period by which times differ that are equal
 WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle", *DESIGNED)
 
 
@@ -143,9 +144,18 @@ def asking(scene: Scene, keys: Iterable[str]) -> Scene:
     asked = tuple(dict.fromkeys((*scene.outputs.extremes, *named)))
     loads = scene.outputs.reactions or any(name.startswith(LOADS) for name in asked)
     keys = list(keys)
-    responds = scene.outputs.response or any(key.startswith(RESPONSE) for key in keys)
+    asks = (RESPONSE, *HELD) if _hides_torques(scene) else (RESPONSE,)
+    responds = scene.outputs.response or any(key.startswith(asks) for key in keys)
     outputs = dataclasses.replace(scene.outputs, extremes=asked, reactions=loads, response=responds)
     return scene if outputs == scene.outputs else dataclasses.replace(scene, outputs=outputs)
+
+
+def _hides_torques(scene: Scene) -> bool:
+    """Tell whether a sampled controller may change its torques twice between two samples of a run."""
+    if scene.control is None or scene.control.period is None:
+        return False
+    apart = scene.simulate.duration / max(scene.simulate.samples - 1, 1)
+    return float(scene.control.period) < apart * (1.0 - SAME)
 
 
 def with_extremes(scene: Scene, points: tuple[str, ...], named: Iterable[str], check: Check) -> Scene:

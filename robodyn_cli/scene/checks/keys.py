@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.expr.statements import Expectation
-from robodyn_cli.scene.checks.check import EXTREMES, LOCKS, RESPONSE, Check, key_place
+from robodyn_cli.scene.checks.check import EXTREMES, HELD, LOCKS, RESPONSE, Check, key_place
 from robodyn_cli.scene.checks.robot import column_units, columns
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.text.nodes import Path, find
@@ -33,7 +33,7 @@ def check_figures(scene: Scene, check: Check) -> Scene:
         check_fluctuation(scene, check)
         # a coefficient of fluctuation is that of the extremes of a rate
         named += [f"{EXTREMES}qd.{name}.largest" for name in turning]
-    if scene.outputs.extremes or any(key.startswith((EXTREMES, LOCKS, RESPONSE)) for key in named):
+    if scene.outputs.extremes or any(key.startswith((EXTREMES, LOCKS, RESPONSE, *HELD)) for key in named):
         from robodyn_cli.scene.checks.columns import with_extremes
 
         scene = with_extremes(scene, places_of(scene), named, check)

@@ -9,7 +9,7 @@ from typing import TypedDict
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.observe.control_design import add_design
+from robodyn_cli.observe.controllers.design import add_design
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene

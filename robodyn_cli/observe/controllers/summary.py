@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.control.design import Named
 from robodyn_cli.equations.control.control import Control
+from robodyn_cli.observe.controllers.held import (
+    HeldJoints,
+    HeldStretches,
+    driven_paths,
+    held_work,
+    tracked_between,
+)
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.solve.extremes import largest_magnitude, positive_integral, root_mean_square
 from robodyn_cli.solve.quadrature import Breaks
@@ -34,31 +41,65 @@ def control_keys(
     control: Control, recorder: Recorder, ends: tuple[float, float], events: Sequence[float]
 ) -> ControlKeys:
     """Return what samples say of a controller in a run between its ends [s]; events : see ``Recorder.breaks``."""
-    t, torque = recorder.array("time"), recorder.array("control/torque")
-    qd = recorder.array("qd")[:, control.places]
-    limits = {
-        name: (float(x[0]), float(x[1])) for name, x in zip(control.joints, control.limits) if x is not None
-    }
-    saturated, unsure = _saturated(t, torque[:, [control.joints.index(name) for name in limits]], limits)
+    t, sampled, limits = recorder.array("time"), control.period is not None, _limits(control)
     least = {name: low for name, (low, high) in limits.items() if low != -high}
-    sampled = control.period is not None
     updates = 0 if control.period is None else _updates(control.period, *ends)
-    power, breaks = torque * qd, recorder.breaks(t, events)
-    (driving, off), (braking, _) = (positive_integral(t, x, breaks) for x in (power, -power))
-    summary = ControlSummary(
-        type=control.controller.type,
-        joints=list(control.joints),
-        period=ABSENT if control.period is None else float(control.period),
-        delay=float(control.controller.delay) if sampled else ABSENT,
-        updates=updates if sampled else ABSENT,
-        tracking=_tracking(control, recorder, t, breaks) or ABSENT,
-        limits={name: high for name, (_, high) in limits.items()} or ABSENT,
-        least_limits=least or ABSENT,
+    keys = ControlKeys(
+        ControlSummary(
+            type=control.controller.type,
+            joints=list(control.joints),
+            period=ABSENT if control.period is None else float(control.period),
+            delay=float(control.controller.delay) if sampled else ABSENT,
+            updates=updates if sampled else ABSENT,
+            tracking=_tracking(control, recorder, t, recorder.breaks(t, events)) or ABSENT,
+            limits={name: high for name, (_, high) in limits.items()} or ABSENT,
+            least_limits=least or ABSENT,
+            saturated=ABSENT,
+            saturated_error=ABSENT,
+            energy=ABSENT,
+        )
+    )
+    if sampled:
+        return with_held(keys, control, t, recorder.array, events)
+    saturated, unsure = _saturated(control, t, recorder.array("control/torque"), limits)
+    own = dataclasses.replace(
+        keys.control,
         saturated=saturated or ABSENT,
         saturated_error=unsure or ABSENT,
-        energy=DrivenWork(float(driving.sum()), float(braking.sum()), float(off.sum())),
+        energy=_energy(control, recorder, events),
     )
-    return ControlKeys(summary)
+    return ControlKeys(own)
+
+
+def _energy(control: Control, recorder: Recorder, events: Sequence[float]) -> DrivenWork:
+    """Return the work of the joints that a continuous controller drives."""
+    t = recorder.array("time")
+    power = recorder.array("control/torque") * recorder.array("qd")[:, control.places]
+    breaks = recorder.breaks(t, events)
+    (driving, off), (braking, _) = (positive_integral(t, x, breaks) for x in (power, -power))
+    return DrivenWork(float(driving.sum()), float(braking.sum()), float(off.sum()))
+
+
+def with_held(
+    keys: ControlKeys, control: Control, t: Array, read: Callable[[str], Array], events: Sequence[float]
+) -> ControlKeys:
+    """Return the keys with what follows from torques that are held between samples, where these show all of them.
+
+    t : times (T,) of the samples, that ``read`` gives by the path of a dataset. events : see ``held_work``.
+    """
+    later = np.append(True, np.diff(t) > 0.0)
+    t = t[later]
+    between = HeldStretches.of(control, t)
+    if between.hidden.any():
+        return keys
+    driven = HeldJoints(*(read(path)[later][:, places] for path, places in driven_paths(control).items()))
+    told: dict[str, Any] = {"energy": DrivenWork(*held_work(between, driven, t, events))}
+    limits = _limits(control)
+    if limits:
+        times, errors = between.at_limits(_at_limits(control, driven.tau, limits))
+        told["saturated"] = dict(zip(limits, times.tolist()))
+        told["saturated_error"] = dict(zip(limits, errors.tolist()))
+    return ControlKeys(dataclasses.replace(keys.control, **told))
 
 
 def with_design(keys: ControlKeys, control: Control) -> ControlKeys:
@@ -95,14 +136,28 @@ def _by_name(matrix: Array, rows: Sequence[Named], columns: Sequence[Named]) -> 
     }
 
 
-def _saturated(
-    t: Array, torque: Array, limits: Mapping[str, tuple[float, float]]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Return for how long torques (T, n) are at their limits by name, and the errors of that: half of the time between
-    the samples of which one is there."""
+def _limits(control: Control) -> dict[str, tuple[float, float]]:
+    """Return least and largest torque of the joints that have limits."""
+    return {
+        name: (float(x[0]), float(x[1])) for name, x in zip(control.joints, control.limits) if x is not None
+    }
+
+
+def _at_limits(control: Control, torque: Array, limits: Mapping[str, tuple[float, float]]) -> Array:
+    """Tell which torques (T, n) are at their limits (T, limits)."""
+    torque = torque[:, [control.joints.index(name) for name in limits]]
     low, high = np.array(list(limits.values())).reshape(-1, 2).T
     near = AT_LIMIT * np.maximum(np.abs(low), np.abs(high))
-    at = (torque >= high - near) | (torque <= low + near)
+    at: Array = (torque >= high - near) | (torque <= low + near)
+    return at
+
+
+def _saturated(
+    control: Control, t: Array, torque: Array, limits: Mapping[str, tuple[float, float]]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return for how long torques (T, n) of a continuous controller are at their limits by name, and the errors of
+    that: half of the time between the samples of which one is there."""
+    at = _at_limits(control, torque, limits)
     steps = np.diff(t)[:, None]
     long = 0.5 * np.sum(steps * (1.0 * at[1:] + at[:-1]), axis=0)
     off = 0.5 * np.sum(steps * (at[1:] != at[:-1]), axis=0)
@@ -120,6 +175,8 @@ def _tracking(control: Control, recorder: Recorder, t: Array, breaks: Breaks) ->
         return {}
     error = recorder.array("control/error")
     (rms, rms_error), peak = root_mean_square(t, error, breaks), largest_magnitude(t, error, breaks)
+    if control.period is not None:
+        rms_error, peak = tracked_between(t, error, rms_error, peak)
     return {
         x.name: Tracking(
             float(peak.value[k]),

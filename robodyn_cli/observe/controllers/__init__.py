@@ -1,0 +1,1 @@
+"""What is stored and told of controllers: what they are, and what they did."""
