@@ -24,7 +24,7 @@ from tests.mechanisms import CONFIGS
 from tests.unit.test_live import operations
 
 RNG = np.random.default_rng(23)
-REACHED, ENDED = 0, 1
+REACHED, ENDED, FAILED = 0, 1, 2
 MASSES: Ranges = {"robot.links.link1.mass": (8.0, 17.0), "robot.links.link2.mass": (9.0, 15.0)}
 STOP = "robot.joints.theta2.limits={lower: -0.2, upper: 0.2, stop: {stiffness: 2000.0, damping: 5.0}}"
 
@@ -172,6 +172,11 @@ def test_times_that_are_asked_for_change_nothing(tmp_path: Path) -> None:
     once, _ = own.begin(row)
     np.testing.assert_allclose(own.to(once, 3.0)[1], states[-1], rtol=0, atol=1e-9)
     assert own.code.own_loop_passed(ctypes.c_void_p(once.ctypes.data)) >= 2
+    kept = once.copy()
+    for back in (own.to(once, 1.0), own.stop(once, 2.9), own.to(once, float("nan"))):  # no motion goes back
+        assert back[0] == FAILED
+        np.testing.assert_array_equal(back[1], own.to(kept.copy(), 3.0)[1])
+    np.testing.assert_array_equal(own.to(once, 4.0)[1], own.to(kept, 4.0)[1])
     again, _ = own.begin(row, 1)
     apart = np.abs(own.to(again, 3.0)[1] - states[-1]).max()
     assert 0.0 < apart < 1e-7

@@ -100,6 +100,7 @@ static int test_loop_steps(void)
         wrong |= {own}_loop_to(&loop_there, end * k / {calls}, x) != {big}_LOOP_REACHED;
     }}
     wrong |= {own}_loop_to(&loop_back, end, y) != {big}_LOOP_REACHED || memcmp(x, y, sizeof x) != 0;
+    wrong |= {own}_loop_to(&loop_back, 0.1 * end, y) != {big}_LOOP_FAILED || memcmp(x, y, sizeof x) != 0;
     wrong |= {own}_loop_begin(&loop_back, loop_values[0], 0);
     wrong |= {own}_loop_to(&loop_back, end, y) != {big}_LOOP_REACHED || loop_rounded(x, y);
 {locked}    printf("%-40s %s\\n", "loop step by step", wrong ? "WRONG" : "as it should be");

@@ -71,10 +71,11 @@ int {own}_loop_run({own}_loop_room *room, const double values[{key_room}], {own}
 int {own}_loop_begin({own}_loop *loop, const double values[{key_room}], int again);
 
 /* Goes to a time, and gives the state there. The integration keeps its own steps: to how many times it goes changes
-   nothing but rounding. A time may not lie before that of the last call.
+   nothing but rounding.
 
    Returns {big}_LOOP_REACHED; {big}_LOOP_ENDED where the motion has ended before, with the state at its end, now and
-   ever after; {big}_LOOP_FAILED where the integration has failed. */
+   ever after; {big}_LOOP_FAILED where the integration has failed, or, with the motion left where it stands, for a time
+   before the present one ({own}_loop_time). */
 int {own}_loop_to({own}_loop *loop, double time, double x[{states}]);
 
 /* The same with a step that ends there, and none that is longer than so much. Behind it values may change. */

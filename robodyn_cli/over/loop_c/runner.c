@@ -325,7 +325,7 @@ static int note_event(Integration *m)
 /* Goes to a time, or to the end of the motion before it; cut : whether a step ends there. */
 static int go_on(Integration *m, double time, int cut)
 {
-    if (m->state[ENDED] == 2.0 || time != time)
+    if (m->state[ENDED] == 2.0 || !(time >= m->state[TIME]))
         return own_FAILED;
     connect(m, m->out);
     m->state[LIMIT] = cut ? time : 1e300;
