@@ -98,6 +98,8 @@ LINEAR = (
     ),
     Entry("discrete/period", (), "s", "period of the samples"),
     Entry("discrete/delay", (), "s", "time from a sample until its input acts"),
+    Entry("loop/period", (), "s", "period of the samples of the loop, of a controller that has one"),
+    Entry("loop/delay", (), "s", "time from a sample of the loop until its torques act"),
     Entry(
         "loop/gains", ("input", "state"), ROWS_OVER_COLUMNS,
         "gains of the law about the pose: torques, with the sign turned, for each unit of the plant's states",

@@ -246,6 +246,45 @@ def test_a_sampled_plant_is_that_of_scipy_late_by_any_delay(delay: float) -> Non
             x = F @ x + G @ (inputs[due] if due >= 0 else np.zeros(2))
 
 
+def documented_lines() -> list[str]:
+    """Return the lines of the documentation that read exported files: .mat, then .json."""
+    page = (CONFIGS.parent / "docs" / "cli.md").read_text(encoding="utf-8")
+    return re.findall(r"<!-- file: result\.\w+ -->\n```python\n(.*?)```", page, re.DOTALL)
+
+
+@pytest.mark.parametrize(("inputs", "outputs"), [(1, 1), (1, 2), (2, 1), (2, 2)])
+def test_the_lines_for_mat_take_models_of_any_shape(
+    inputs: int, outputs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ["theta1", "theta2"]
+    scene = load_scene(CONFIGS / "double_pendulum.yaml")
+    result = linearise(scene, inputs=names[:inputs], outputs=names[:outputs], period=0.01)
+    export(result, "mat", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    known: dict = {"scipy": scipy, "control": control}
+    exec(documented_lines()[0], known)
+    plant = known["plant"]
+    assert plant.dt == 0.01
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(plant, name), result[f"discrete/{name}"])
+
+
+def test_a_loop_keeps_its_own_period_beside_that_of_the_plant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop is sampled as its controller is, whatever ``period`` asks of the plant."""
+    scene = load_scene(CONFIGS / "controlled_arm.yaml")
+    result = linearise(scene, period=0.1, delay=0.03)
+    assert (result["discrete/period"], result["discrete/delay"]) == (0.1, 0.03)
+    assert (result["loop/period"], result["loop/delay"]) == (0.002, 0.001)
+    export(result, "json", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    known: dict = {"scipy": scipy, "json": json}
+    exec(documented_lines()[1], known)
+    assert known["loop"].dt == 0.002
+    assert "loop/period" not in linearise(load_scene_text(arm(5, LAWS["pd"])))
+
+
 def test_objects_of_python_control_and_scipy_from_exported_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,8 +302,7 @@ def test_objects_of_python_control_and_scipy_from_exported_files(
     np.testing.assert_allclose(system.A[:4, 4:], F @ G, atol=1e-12)
     np.testing.assert_allclose(system.B[:4], G, atol=1e-12)
     assert float(np.array(j["discrete/period"]["data"])) == 0.002
-    page = (CONFIGS.parent / "docs" / "cli.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"<!-- file: result\.\w+ -->\n```python\n(.*?)```", page, re.DOTALL)
+    blocks = documented_lines()
     assert len(blocks) == 2 and all(len(block.strip().split("\n")) == 2 for block in blocks)
     monkeypatch.chdir(tmp_path)
     known: dict = {"scipy": scipy, "control": control, "json": json, "numpy": np}
