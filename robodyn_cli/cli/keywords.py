@@ -216,4 +216,4 @@ def gives_result(command: str) -> bool:
 def own_keywords(command: str) -> tuple[inspect.Parameter, ...]:
     """Return what a function takes that no command line can give, as a controller: the module's ``in_python``."""
     prepare = vars(module_of(command)).get("in_python")
-    return tuple(inspect.signature(prepare).parameters.values())[1:] if prepare is not None else ()
+    return tuple(inspect.signature(prepare).parameters.values())[2:] if prepare is not None else ()

@@ -20,6 +20,7 @@ from typing import Any
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.keywords import (
     OF_TERMINALS,
+    OVERRIDES,
     Keyword,
     declared,
     gives_result,
@@ -176,7 +177,8 @@ def _called(command: str, known: tuple[Keyword, ...], given: dict[str, Any], kep
         if not one.is_file or given.get(one.name) is not None
     }
     if own:
-        values["scene"] = module_of(command).in_python(values["scene"], **own)
+        prepared = module_of(command).in_python(values["scene"], values[OVERRIDES] or (), **own)
+        values["scene"], values[OVERRIDES] = prepared
     work = functools.partial(declared(command), kept=kept, **values, **_silent(command))
     lacking = next((one for one in known if one.parameter not in values), None)
     with _errors():

@@ -297,6 +297,20 @@ def test_a_function_as_controller_takes_overrides_too(scene: Path) -> None:
     assert robodyn.load_scene(result.scene_text).control is not None
 
 
+def test_a_function_takes_the_place_of_a_controller_that_is_taken_out(scene: Path) -> None:
+    """``set`` holds before the function, and where there is no controller to take out, too."""
+    own = {"simulate.duration": 0.3, "simulate.error_estimate": False}
+    law = {"type": "pd", "gains": {"kp": 9, "kd": 1}}
+    led = robodyn.load_scene(scene, {"control": law})
+    calls = {"controller": lambda t, q, v: (1.0, 0.0), "period": 0.1}
+    for start in (led, scene):
+        result = robodyn.simulate(start, set={**own, "control": None}, **calls)
+        assert result["tau"][1:-1, 0] == pytest.approx(1.0) and result["time"][-1] == 0.3
+        assert result.summary["control"]["period"] == 0.1
+    with pytest.raises(SceneError, match="controller of type 'pd'"):
+        robodyn.simulate(led, set=own, **calls)
+
+
 def test_warnings_are_those_of_python(scene: Path) -> None:
     light = {"robot.links.l1.inertia.zz": 1e-9, "simulate.duration": 0.01}
     with pytest.warns(robodyn.RobodynWarning, match="l1"):

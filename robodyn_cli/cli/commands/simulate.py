@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -68,13 +68,22 @@ EXAMPLES = (
 )
 
 
-def in_python(scene: GivenScene, controller: Any = None, period: float | None = None) -> Scene:
-    """Return the scene with a function ``f(t, q, qd)`` as its controller, sampled every ``period`` seconds."""
+def in_python(
+    scene: GivenScene, overrides: Sequence[str], controller: Any = None, period: float | None = None
+) -> tuple[Scene, Sequence[str]]:
+    """Return the scene with a function ``f(t, q, qd)`` as its controller, sampled every ``period`` seconds.
+
+    Beside it the overrides that are left to apply: none where they say what controller the function takes the place of.
+    """
     from robodyn_cli.scene.load import load_scene
     from robodyn_cli.works.in_python import controlled_by
 
     loaded = load_scene(scene)
-    return loaded if controller is None and period is None else controlled_by(loaded, controller, period)
+    if controller is None and period is None:
+        return loaded, overrides
+    if loaded.control is not None or any(text.partition("=")[0].strip() == "control" for text in overrides):
+        loaded, overrides = load_scene(loaded, overrides), ()
+    return controlled_by(loaded, controller, period), overrides
 
 
 def command(
