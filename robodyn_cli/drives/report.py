@@ -38,13 +38,14 @@ def with_drives(
     problem: Problem,
     moved: Moved | None = None,
     instants: Sequence[float] = (),
-    again: tuple[Recorder, float] | None = None,
+    again: tuple[Recorder | Moved, float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
     moved : the motion where figures are looked at; by default at the samples, with breaks at its events and at other
-        ``instants`` [s]. again : samples of a second integration, and times the difference of figures is their error.
+        ``instants`` [s]. again : samples, or the motion, of a second integration, and times the difference of figures
+        is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
@@ -60,8 +61,9 @@ def with_drives(
     at_samples.add_to(result)
     figures = drives.figures()
     if again is not None:
-        recorder, factor = again
-        other = Drives.of(scene, problem, Moved.of(recorder.array, breaks)).figures()
+        second, factor = again
+        second = second if isinstance(second, Moved) else Moved.of(second.array, breaks)
+        other = Drives.of(scene, problem, second).figures()
         figures = with_second(figures, other, factor, ("drives", JOINT))
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED

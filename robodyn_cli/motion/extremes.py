@@ -42,6 +42,7 @@ from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.motion import MotionErrors
 
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
+NEAR = 6  # samples that a piece goes on by to its ends
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
 
@@ -103,9 +104,30 @@ class CloseSamples:
         columns = [ChosenColumn(path, path, (k,), "") for path, width in widths.items() for k in range(width)]
         parts, _ = self.pieces(columns)
         parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
+        breaks = self.hidden
+        if (
+            self.observer.system.updates is not None
+        ):  # many cuts: what has both sides is looked at all at once
+            parts, breaks = [(*to_its_ends(*part), *part[2:]) for part in parts if len(part[0])], []
         t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
         own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
-        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.hidden)))
+        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, breaks)))
+
+
+def to_its_ends(t: Array, y: Array, begin: float, end: float) -> tuple[Array, Array]:
+    """Return a smooth piece with samples at its ends, by the polynomials through the nearest ones."""
+    near = min(NEAR, len(t))
+    for at, own, front in ((begin, slice(0, near), True), (end, slice(-near, None), False)):
+        nodes = t[own]
+        if (nodes == at).any():
+            continue
+        apart = nodes[:, None] - nodes[None, :] + np.eye(near)
+        gaps = np.where(np.eye(near) > 0.0, 1.0, (at - nodes)[None, :])
+        weights = np.prod(gaps / apart, axis=1)
+        value = (weights @ y[own])[None]
+        t = np.concatenate([[at], t]) if front else np.concatenate([t, [at]])
+        y = np.concatenate([value, y]) if front else np.concatenate([y, value])
+    return t, y
 
 
 @record

@@ -15,7 +15,9 @@ from robodyn_cli.summaries.facts import ABSENT, PeakLoad
 from robodyn_cli.tools.progress import Stopwatch
 
 if TYPE_CHECKING:
+    from robodyn_cli.drives.report import Moved
     from robodyn_cli.motion.extremes import RecordedMotion
+    from robodyn_cli.observe.recorder import Recorder
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
 
@@ -35,8 +37,10 @@ def with_figures(
     motions : what ``recorded`` gives of the run, and what follows it; by default nothing does.
     """
     scene, reactions = run.motion.scene, run.recorder.observer.reactions
+    held = bool(scene.drives) and run.motion.system.updates is not None
     responding = scene.outputs.response and run.motion.problem.control is not None
-    if reactions is not None or scene.outputs.extremes or scene.motorisation is not None or responding:
+    looks = responding or held or scene.motorisation is not None
+    if reactions is not None or scene.outputs.extremes or looks:
         motions = motions or [recorded(run, estimate)]
     summary, *others = records
     if reactions is not None:
@@ -58,11 +62,13 @@ def with_figures(
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            again = None
-            if estimate is not None and estimate.recorder is not None:
+            problem, instants, looked = run.motion.problem, run.motion.system.breakpoints, None
+            again: tuple[Recorder | Moved, float] | None = None
+            if held:  # samples on the updates see nothing of what jumps there
+                looked, again = motions[0].moved()
+            elif estimate is not None and estimate.recorder is not None:
                 again = (estimate.recorder, estimate.factor)
-            problem, instants = run.motion.problem, run.motion.system.breakpoints
-            records = with_drives(records, result, problem, instants=instants, again=again)
+            records = with_drives(records, result, problem, looked, instants, again)
     if scene.motorisation is not None:
         with watch.stage("motorisation"):
             records = _with_margins(records, result, run, motions[0])

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from robodyn_cli.equations.control.control import Control
-from robodyn_cli.motion.extremes import CloseSamples, RecordedMotion
+from robodyn_cli.motion.extremes import CloseSamples, RecordedMotion, to_its_ends
 from robodyn_cli.observe.columns import ChosenColumn, values_of
 from robodyn_cli.observe.controllers.held import driven_paths
 from robodyn_cli.observe.controllers.summary import with_held
@@ -19,7 +19,6 @@ from robodyn_cli.summaries.control import ControlKeys, ControlSummary
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.response import Response, ResponseErrors, ResponseKeys
 
-NEAR = 6  # samples that a piece goes on by to its ends
 MOST = 8  # pieces in which the highest point is looked for
 ROUNDED = 1e-14  # of an integral
 
@@ -86,7 +85,7 @@ def _of(samples: CloseSamples, control: Control, off: float) -> dict[str, Respon
     columns += [ChosenColumn("", "control/torque", (control.joints.index(name),), "") for name in names]
     columns += [ChosenColumn("", "qd", (control.places[control.joints.index(name)],), "") for name in names]
     found, final = samples.pieces(columns)
-    parts = [_to_its_ends(*part) for part in found if part[3] > part[2]] or [part[:2] for part in found]
+    parts = [to_its_ends(*part) for part in found if part[3] > part[2]] or [part[:2] for part in found]
     n, m = len(tracked), len(names)
     told = {}
     for k, one in enumerate(control.tracked):
@@ -98,22 +97,6 @@ def _of(samples: CloseSamples, control: Control, off: float) -> dict[str, Respon
         course = SmoothCourse([(t, y[:, k] - y[:, n + k]) for t, y in parts])
         told[one.name] = _response(course, ends, off, one.unit, _work(loads))
     return told
-
-
-def _to_its_ends(t: Array, y: Array, begin: float, end: float) -> tuple[Array, Array]:
-    """Return a smooth piece with samples at its ends, by the polynomials through the nearest ones."""
-    near = min(NEAR, len(t))
-    for at, own, front in ((begin, slice(0, near), True), (end, slice(-near, None), False)):
-        nodes = t[own]
-        if (nodes == at).any():
-            continue
-        apart = nodes[:, None] - nodes[None, :] + np.eye(near)
-        gaps = np.where(np.eye(near) > 0.0, 1.0, (at - nodes)[None, :])
-        weights = np.prod(gaps / apart, axis=1)
-        value = (weights @ y[own])[None]
-        t = np.concatenate([[at], t]) if front else np.concatenate([t, [at]])
-        y = np.concatenate([value, y]) if front else np.concatenate([y, value])
-    return t, y
 
 
 Work = tuple[float, float, float, float]  # effort, its error, energy, its error

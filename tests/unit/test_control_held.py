@@ -4,12 +4,13 @@ plant."""
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robodyn_cli import simulate
-from tests.unit.test_control import cart, error_of, step_of
+from tests.unit.test_control import cart, error_of, made, step_of
 
 T, KP, KD, WANTED, LIMIT, UPDATES = 0.01, 160.0, 2.0, -0.3, 8.0, 60
 FINE = 500  # steps of the closed form in a period
@@ -84,3 +85,38 @@ def test_torques_between_samples_that_show_not_all_of_them_are_told_where_asked(
         assert abs(told["energy"]["driving"] - close["energy"]["driving"]) <= told["energy"]["error"] + 1e-9
         assert told["saturated"]["x"] == pytest.approx(close["saturated"]["x"], abs=1e-9)
         assert told["energy"]["driving"] > 0.0 and told["energy"]["error"] < 1e-7
+
+
+ARM = Path(__file__).parents[2] / "configs" / "robots" / "planar_2r.yaml"
+DRIVEN = f"""\
+schema: 1
+gravity: [0, -9.81, 0]
+robot: {ARM}
+drives:
+  theta1: {{motor: servo2p4_3000, gear: wave40_100, brake: brake9, mass_on: none}}
+  theta2: {{motor: servo1p27_3000, gear: wave32_100, brake: brake2, mass_on: none}}
+initial: {{q: {{theta1: 0.2, theta2: 0.5}}}}
+control:
+  {{type: pd, joints: [theta1, theta2], period: 0.01, delay: 0.013, gains: {{kp: 900, kd: 40}},
+    reference: {{type: joint, duration: 2, q: {{theta1: '0.5*sin(3*t)', theta2: '0.5+t'}}}}}}
+simulate: {{duration: 0.4, samples: 41}}
+"""
+
+
+def test_drives_that_held_torques_move_have_the_figures_of_dense_samples() -> None:
+    few, many = simulate(made(DRIVEN)), simulate(made(DRIVEN, "simulate.samples=16001"))
+    t, load, rate = many["time"], many["drives/load"], many["qd"]
+    for k, name in enumerate(("theta1", "theta2")):
+        told = few.summary["drives"][name]["joint"]
+        square, power = load[:, k] ** 2, load[:, k] * rate[:, k]
+        near = 2e-3  # one side of each jump of the samples
+        rms = np.sqrt(np.trapezoid(square, t) / t[-1])
+        assert abs(told["rms_torque"] - rms) <= told["errors"]["rms_torque"] + near * rms
+        for key, sign in (("driving_energy", 1.0), ("braking_energy", -1.0)):
+            work = np.trapezoid(np.maximum(sign * power, 0.0), t)
+            assert abs(told[key] - work) <= told["errors"]["energy"] + 1e-3 * abs(power).max() * t[-1]
+        peak = np.abs(load[:, k]).max()
+        assert peak * (1.0 - 1e-9) <= told["peak_torque"] + told["errors"]["peak_torque"] <= 1.001 * peak
+        speed = np.abs(rate[:, k]).max()
+        assert abs(told["peak_speed"] - speed) <= told["errors"]["peak_speed"] + 1e-6 * speed
+        assert told["errors"]["rms_torque"] < 1e-3 * told["rms_torque"]
