@@ -11,6 +11,7 @@ from robodyn_cli.commands import COMMANDS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
+from robodyn_cli.summaries.control import POLE_UNIT
 from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.summaries.keys import Leaf, leaf_of, leaves_of
 from robodyn_cli.summaries.study import QUANTILES
@@ -138,6 +139,8 @@ def shown_units(result: Result) -> Callable[[str], str]:
     def unit_of(key: str) -> str:
         leaf = leaf_of(result.command, key) if result.command in COMMANDS else None
         unit = leaf.unit(coordinates) if leaf is not None and leaf.is_number else ""
+        if unit == POLE_UNIT:
+            unit = "per sample" if "period" in result.summary[key.partition(".")[0]] else "1/s"
         return "" if unit == "1" or "unit" in unit else unit
 
     return unit_of

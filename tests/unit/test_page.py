@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import html
 import json
 import re
 import webbrowser
@@ -37,6 +38,7 @@ from robodyn_cli.results.moments import Moment
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.linearise.linearise import linearise
 from tests.unit.synthetic_results import (
     FOUR_BAR,
     chain_result,
@@ -231,6 +233,22 @@ def test_figures_of_a_page_have_their_units() -> None:
     assert f"{written(result.summary['wall_time_s']['total'])} s</td>" in text
     study = Result("sweep", "", "ok", "", summary={"results": {"lock.time": {"minimum": 1.5, "unit": "s"}}})
     assert ">1.5</td>" in "".join(summary_tables(study.summary, shown_units(study)))
+
+
+@pytest.mark.parametrize("law, unit", [("", "1/s"), ("period: 0.01, ", "per sample")])
+def test_tables_of_poles_and_modes_have_plain_figures_and_units(law: str, unit: str) -> None:
+    """The first column has its unit, too; a pole that of its loop; amplitude and phase one each."""
+    control = f"control={{type: pd, {law}joints: [theta1, theta2], gains: {{kp: 900, kd: 90}}}}"
+    result = linearise(load_scene(CONFIGS / "double_pendulum.yaml", [control]))
+    text = html.unescape("".join(summary_tables(result.summary, shown_units(result))))
+    for pole in result.summary["closed_loop"]["poles"]:
+        assert f">{written(pole['real'])} {unit}<" in text
+    for mode in result.summary["modes"]:
+        assert f">{written(Quantity(mode['real'], '1/s'))}<" in text
+        amplitude, phase = mode["shape"]["theta1"]
+        assert f"theta1 {written([amplitude, Quantity(phase, 'rad')])}" in text
+    for word in ("Quantity", "of·a·sampled", "and·rad"):
+        assert word not in text
 
 
 def test_the_plan_is_on_the_page(tmp_path: Path) -> None:

@@ -64,6 +64,7 @@ def json_block(data: Any, identifier: str) -> Html:
 DIGITS = 6
 MOST_ROWS = 200  # of a table of runs
 MOST_ITEMS = 60  # of a list in a cell
+EACH = " and "  # between the units of the numbers of a list
 
 # told elsewhere on the page
 APART = ("status", "command", "title", "definitions", "outputs", "scene_file", "run_id")
@@ -89,6 +90,12 @@ def with_units(value: Any, unit_of: UnitOfKey, key: str = "") -> Any:
     if isinstance(first, bool) or not isinstance(first, int | float):
         return value
     symbol = unit_of(f"{key}.0" if first is not value else key)
+    if len(own := symbol.split(EACH)) > 1:
+        return [_quantity(x, "" if one == "1" else one) for x, one in zip(value, own, strict=True)]
+    return _quantity(value, symbol)
+
+
+def _quantity(value: Any, symbol: str) -> Any:
     return Quantity(value, symbol) if symbol else value
 
 
@@ -123,7 +130,9 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | Non
     if any(head):
         top.append(element("thead", element("tr", [element("th", name, scope="col") for name in head])))
     cells = [[_cell(x, aligned=any(head)) for x in row[1:]] for row in rows]
-    body = [element("tr", element("th", row[0], scope="row"), rest) for row, rest in zip(rows, cells)]
+    body = [
+        element("tr", element("th", written(row[0]), scope="row"), rest) for row, rest in zip(rows, cells)
+    ]
     return element("div", element("table", top, element("tbody", body)), class_="wide", tabindex="0")
 
 
