@@ -36,6 +36,16 @@ def loop_lines(summary: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"  torque left        {told}: the law does not hold this pose, the loop rests elsewhere"
         )
+    if "saturated" in whole:
+        cut = ", ".join(whole["saturated"][:MOST_LOOPS])
+        lines.append(
+            f"  warning: the law saturates here ({cut}): the limits cut what it asks for, so it does not act"
+        )
+    if "restless" in whole:
+        moving = ", ".join(whole["restless"][:MOST_LOOPS])
+        lines.append(
+            f"  warning: states of the law do not rest here ({moving}): the linear law is that of an instant"
+        )
     if whole["stability"] != "stable":
         return [*lines, "  no margin is left: the loop is not stable"]
     if len(summary["loop"]) > 1:

@@ -81,7 +81,10 @@ class ClosedLoop:
     """The loop with all inputs closed."""
 
     about: str = fact("which pose that is, in words")
-    stability: str = fact("`stable`, `unstable`, or `marginal`: a mode of the loop neither decays nor grows")
+    stability: str = fact(
+        "`stable`, `unstable`, `marginal`: a mode of the loop neither decays nor grows; or `saturated`: at this pose "
+        "the limits cut what the law asks for"
+    )
     poles: list[LoopPole] = fact("of plant, law and delay, of a sampled loop per sample")
     period: float | Absent = fact("of its samples", "s")
     delay: float | Absent = fact("from a sample to its torques", "s")
@@ -98,6 +101,8 @@ class ClosedLoop:
     sensitivity_error: float = fact("error of the peak")
     frequency_error: float = fact("error of its frequency", "rad/s")
     held_back: dict[str, float] | Absent = fact(
-        "torque that the law gives there less what holds the pose, where that is more than rounding: the loop rests "
-        "elsewhere", "N m or N",
+        "torque that the law gives there less what holds the pose, where that is more than rounding, wherever its "
+        "states rest: the loop rests elsewhere", "N m or N",
     )  # fmt: skip
+    saturated: list[str] | Absent = fact("joints whose limit cuts what the law asks for at the pose")
+    restless: list[str] | Absent = fact("states of the law that do not rest at the pose")

@@ -82,8 +82,9 @@ def test_the_loop_is_what_neighbouring_motions_do(law: str) -> None:
     )
     start = np.random.default_rng(1).normal(size=6)
     q = load_scene_text(text).initial.q
-    # nothing pulls it away from a pose that the law does not hold against gravity, or before the first torque comes
-    falls = "held_back" in result.summary["closed_loop"] or "late" in law
+    # nothing pulls it away from a pose that the law does not hold against gravity, or not yet: before the first torque
+    # comes, and while its integral grows
+    falls = "held_back" in result.summary["closed_loop"] or "late" in law or "pid" in law
     level = ["gravity=[0, 0, 0]"] if falls else []
     result = linearise(load_scene_text(text, overrides=level))
     loop = result["loop/A"] - result["loop/B"] @ result["loop/C"]
@@ -375,3 +376,80 @@ control: {type: pid, joints: [a], gains: {kp: 80, kd: 9, ki: 10}, period: 0.01, 
     assert own["closed_loop"]["stability"] in ("stable", "marginal")
     peak = own["loop"]["a"]["sensitivity_peak"]
     assert peak is None or 1.0 <= peak < 10.0
+
+
+PENDULUM = """\
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 0, 1], damper: {damping: 0.15}}]
+  links: [{name: rod, mass: 1.5, com: [0.4, 0, 0], inertia: {zz: 0.03}}]
+trajectory: {type: joint, duration: 3, q: {a: "0.7"}}
+initial: {q: {a: 0}}
+simulate: {duration: 3, samples: 31}
+control: {type: """
+INERTIA, LOAD = 0.03 + 1.5 * 0.4**2, 1.5 * 9.81 * 0.4
+FALLING = LOAD * math.sin(0.7)  # of its torque by the angle
+
+
+@pytest.mark.parametrize("period", [None, 0.01])
+def test_the_states_of_a_law_are_taken_where_they_rest(period: float | None) -> None:
+    """A law that is no straight line in its state: by hand at s = 0.7, where the state rests, not at 0, its start."""
+    change = "rate: 60*(a - s.f)" if period is None else "next: s.f + 0.5*(a - s.f)"
+    more = "" if period is None else f", period: {period}"
+    law = f"40*sin(ref.a) - 40*sin(s.f) - 6*qd.a + {LOAD}*cos(ref.a)"
+    own = linearise(
+        load_scene_text(f"{PENDULUM}formulas{more}, law: {{a: '{law}'}}, state: {{f: {{{change}}}}}}}")
+    )
+    slope = 40.0 * math.cos(0.7)
+    if period is None:
+        A = [[0, 1, 0], [FALLING / INERTIA, -6.15 / INERTIA, -slope / INERTIA], [60, 0, -60]]
+    else:
+        plant = (
+            np.array([[0.0, 1.0], [FALLING / INERTIA, -0.15 / INERTIA]]),
+            np.array([[0.0], [1.0 / INERTIA]]),
+        )
+        F, G, *_ = cont2discrete((*plant, np.eye(2), np.zeros((2, 1))), period)
+        A = np.block([[F + G @ [[0.0, -6.0]], -slope * G], [np.array([[0.5, 0.0]]), np.array([[0.5]])]])
+    poles = [complex(x["real"], x["imaginary"]) for x in own.summary["closed_loop"]["poles"]]
+    np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(np.linalg.eigvals(A)), rtol=1e-10)
+    assert "held_back" not in own.summary["closed_loop"]
+    # still, the loop has the slope of the state and that of gravity: the gain may fall to where they are equal
+    assert abs(own.summary["loop"]["a"]["gain_reduction"] - FALLING / slope) < 1e-12
+
+
+HOLDING = {
+    "pid": ("pid, gains: {kp: 30, ki: 40, kd: 4}", {}),
+    "sampled pid": ("pid, period: 0.02, delay: 0.013, sensors: {rates: differences}, gains: {kp: 30, ki: 40, kd: 4}", {}),
+    "integrator beside a lag": (
+        "formulas, law: {a: 30*(ref.a - a) + s.i + 80*(s.f - a)}, "
+        "state: {i: {rate: 20*(ref.a - a)}, f: {rate: 10*(a - s.f)}}", {}),
+    "integrator that acts by a sine": (
+        "formulas, law: {a: 30*(ref.a - a) - 3*qd.a + 9*sin(s.i)}, state: {i: {rate: 2*(ref.a - a)}}", {}),
+    "integrator that is too weak": (
+        "formulas, law: {a: 30*(ref.a - a) - 3*qd.a + 3*sin(s.i)}, state: {i: {rate: 2*(ref.a - a)}}",
+        {"held_back": {"a": 3.0 - LOAD * math.cos(0.7)}}),
+    "leaking integral": (
+        "formulas, law: {a: 30*(ref.a - a) - 3*qd.a + s.i}, state: {i: {rate: 20*(ref.a - a) - s.i}}",
+        {"held_back": {"a": -LOAD * math.cos(0.7)}}),
+    "a clock": (
+        "formulas, law: {a: 30*(ref.a - a) - 3*qd.a + s.i - s.c}, state: {i: {rate: 20*(ref.a - a)}, c: {rate: 1}}",
+        {"restless": ["c"]}),
+    "limited": ("pid, limit: 3, gains: {kp: 30, ki: 40, kd: 4}",
+                {"held_back": {"a": 3.0 - LOAD * math.cos(0.7)}, "saturated": ["a"]}),
+    "limited above": ("pid, limit: 5, gains: {kp: 30, ki: 40, kd: 4}", {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", HOLDING)
+def test_what_a_law_holds_with_its_states_at_rest(kind: str) -> None:
+    law, wanted = HOLDING[kind]
+    own = linearise(load_scene_text(f"{PENDULUM}{law}}}")).summary
+    told = {key: own["closed_loop"].get(key) for key in ("held_back", "saturated", "restless")}
+    assert told == {
+        key: pytest.approx(wanted[key], abs=1e-6) if key == "held_back" and key in wanted else wanted.get(key)
+        for key in told
+    }
+    assert (own["closed_loop"]["stability"] == "saturated") == ("saturated" in wanted)
+    if "saturated" in wanted:
+        assert own["loop"]["a"]["gain_margin"] == 1.0

@@ -192,6 +192,11 @@ class Control:
 
     @cached_property
     def limits(self) -> list[tuple[float, float] | None]:
+        """What the law's torques are cut to: ``bounds``."""
+        return self.bounds
+
+    @property
+    def bounds(self) -> list[tuple[float, float] | None]:
         """Least and largest torque of each driven joint, None where there is no limit."""
         robot, efforts = self.problem.scene.robot, []
         for name in self.joints:

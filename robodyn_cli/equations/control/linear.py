@@ -16,17 +16,24 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.control.base import Sensors
-from robodyn_cli.equations.control.control import NOISE, STATES, Control
+from robodyn_cli.equations.control.control import Control
+from robodyn_cli.equations.control.rest import drifts, resting, situation
 from robodyn_cli.equations.linear.reduce import Linear
 from robodyn_cli.equations.linear.residuals import States, by_steps, by_symbols, evaluated
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
+STILL = 1e-8  # of the pose and of the states: what moves them so little leaves them at rest
+
 
 @record
 class LinearLaw:
-    """K (n, 2f), H (n, s), S (s, 2f), Z (s, s), the names of the states s, and the torques (n,) at the pose itself."""
+    """K (n, 2f), H (n, s), S (s, 2f), Z (s, s), the names of the states s.
+
+    torques : (n,) that are asked for at the pose itself, the law's states at rest there. restless : names of own states
+    that do not rest there.
+    """
 
     K: Array
     H: Array
@@ -34,6 +41,7 @@ class LinearLaw:
     Z: Array
     names: tuple[str, ...]
     torques: Array
+    restless: tuple[str, ...] = ()
 
 
 class Unlimited(Control):
@@ -46,14 +54,17 @@ class Unlimited(Control):
 
 
 def without_bounds(scene: Scene) -> Scene:
-    """Return a scene whose controller sees all as it is, and gives what it asks for."""
+    """Return a scene whose controller sees all as it is, and gives what it asks for at once."""
     sensors = Sensors(rates=scene.control.sensors.rates)
-    own = dataclasses.replace(scene.control, sensors=sensors, limit=None, rate_limit=None)
+    own = dataclasses.replace(scene.control, sensors=sensors, rate_limit=None)
     return dataclasses.replace(scene, control=own)
 
 
-def linear_law(control: Control, states: States, linear: Linear) -> LinearLaw:
-    """Return the law about a state, in the minimal coordinates of ``linear``; control : see ``without_bounds``."""
+def linear_law(control: Control, states: States, linear: Linear, needed: Array) -> LinearLaw:
+    """Return the law about a state, in the minimal coordinates of ``linear``, its own states where they rest.
+
+    control : see ``without_bounds``. needed : torques (n,) of its joints that hold the pose.
+    """
     problem, own = control.problem, len(control.own)
     kept = [*range(own), *control.last]
     symbols = [control.z[k] for k in kept]
@@ -61,14 +72,13 @@ def linear_law(control: Control, states: States, linear: Linear) -> LinearLaw:
     after: list[Any] = list(law.states)
     if control.last:
         after += list(control.measured.q)
-    outputs: dict[str, Any] = {"u": law.asked}
+    outputs: dict[str, Any] = {"u": law.asked, "drift": drifts(control)}
     for name, entries in (("u", law.asked), ("s", after)):
         if entries:
             outputs |= {f"{name}_q": by_steps(problem, entries), f"{name}_v": by_symbols(entries, problem.v)}
             outputs[f"{name}_s"] = by_symbols(entries, symbols) if symbols else np.zeros((len(entries), 0))
-    groups = {**states.groups, STATES: _resting(control, states)[None], NOISE: np.zeros((1, 1))}
-    groups["p"] = np.zeros((1, 8 * problem.model.nv + len(problem.model.parameters)))
-    found = {name: x[0] for name, x in evaluated(outputs, groups).items()}
+    z = resting(control, states, needed, linear.dq[0][control.places])
+    found = {name: x[0] for name, x in evaluated(outputs, situation(control, states, z)).items()}
     step = np.concatenate([linear.dq[0], np.zeros_like(linear.dq[0])], axis=1)
 
     def by_x(name: str) -> Array:
@@ -81,12 +91,9 @@ def linear_law(control: Control, states: States, linear: Linear) -> LinearLaw:
     names = [control.names[k] for k in kept]
     # the last measurement of joints whose rate the law does not ask for is no state of it
     used = [k for k in range(len(kept)) if k < own or H[:, k].any() or Z[:own, k].any()]
-    return LinearLaw(K, H[:, used], S[used], Z[np.ix_(used, used)], tuple(names[k] for k in used), found["u"])
-
-
-def _resting(control: Control, states: States) -> Array:
-    """Return the states (nc,) of a controller whose mechanism rests at q: what was measured last is what is there."""
-    z = control.starts
-    if control.last:
-        z[control.last] = states.q[0]
-    return z
+    by_s = Z[:own, :own] - (0.0 if control.period is None else np.eye(own))
+    size = np.abs(S[:own]).sum(axis=1) + np.abs(by_s) @ np.maximum(1.0, np.abs(z[:own]))
+    restless = tuple(name for name, x, most in zip(names, found["drift"], STILL * size) if not abs(x) <= most)
+    return LinearLaw(
+        K, H[:, used], S[used], Z[np.ix_(used, used)], tuple(names[k] for k in used), found["u"], restless
+    )

@@ -226,7 +226,7 @@ def _loop(scene: Scene, given: Nominal) -> ControlLoop | None:
         return None
     from robodyn_cli.works.loops.loop import loop_of
 
-    return loop_of(integrable(scene), given.equations, given.states, given.places)
+    return loop_of(integrable(scene), given.equations, given.states, given.places, given.about)
 
 
 def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nominal, LinearOutputs]:

@@ -127,6 +127,5 @@ def add_closed_loop(result: Result, scene: Scene, given: Nominal, loop: ControlL
     if loop.system.period is not None:
         result.add("loop/period", np.array(loop.system.period))
         result.add("loop/delay", np.array(float(scene.control.delay)))
-    driven = [model.v_names.index(name) for name in loop.joints]
-    told = closed_loop(loop, given.states, given.words, driven, float(scene.control.delay))
+    told = closed_loop(loop, given.words, float(scene.control.delay))
     return LoopKeys(loop_margins(loop), told)

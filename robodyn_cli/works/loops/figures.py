@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.linear.residuals import States
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.control import LoopPole
@@ -22,7 +21,6 @@ from robodyn_cli.works.loops.systems import StateSpace
 NONE_LEFT = StabilityMargins(
     Margin(1.0), Margin(1.0), Margin(0.0), Margin(0.0), Margin(math.inf, math.nan)
 )  # of a loop that is not stable
-OFF = 1e-9  # of the torques that hold a pose: rounding
 
 
 def loop_margins(loop: ControlLoop) -> dict[str, LoopMargins]:
@@ -52,16 +50,10 @@ def _finite(x: float) -> float | None:
     return x if math.isfinite(x) else None
 
 
-def closed_loop(
-    loop: ControlLoop, states: States, words: str, driven: Sequence[int], delay: float
-) -> ClosedLoop:
+def closed_loop(loop: ControlLoop, words: str, delay: float) -> ClosedLoop:
     """Return what there is to say of the loop with all inputs closed."""
     stability = loop.stability
     most = sensitivity(loop.system, loop.neighbours) if stability == "stable" else NONE_LEFT.sensitivity
-    needed = states.tau[0][list(driven)]
-    off = loop.law.torques - needed
-    scale = OFF * max(1.0, float(np.abs(needed).max(initial=0.0)))
-    left = {name: float(x) for name, x in zip(loop.joints, off) if abs(x) > scale}
     sampled = loop.system.period is not None
     return ClosedLoop(
         words,
@@ -73,7 +65,9 @@ def closed_loop(
         _finite(most.frequency),
         most.error,
         most.frequency_error,
-        left or ABSENT,
+        loop.standing.left or ABSENT,
+        list(loop.standing.saturated) or ABSENT,
+        list(loop.law.restless) or ABSENT,
     )
 
 

@@ -12,7 +12,7 @@ from robodyn_cli.control.lqr import reached
 from robodyn_cli.control.riccati import ROUNDED, disturbed
 from robodyn_cli.equations.control.linear import LinearLaw, Unlimited, linear_law, without_bounds
 from robodyn_cli.equations.linear.poles import poles_of
-from robodyn_cli.equations.linear.reduce import Linear, linearise_states
+from robodyn_cli.equations.linear.reduce import Linear, held_by, linearise_states
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.ready.integrable import integrable
@@ -24,15 +24,25 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.works.loops.pose import holding
 from robodyn_cli.works.loops.systems import StateSpace, sampled
 
+OFF = 1e-9  # of the torques that hold a pose: rounding
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is none of the loop
+
+
+@record
+class Standing:
+    """How a law holds a pose: torques by joint that it gives there less what holds it, as far as it does not; joints
+    whose limit cuts what it asks for."""
+
+    left: dict[str, float]
+    saturated: tuple[str, ...]
 
 
 @record
 class ControlLoop:
     """A loop that is opened at the torques of its joints: u in, what the law gives for it, with the sign turned, out.
 
-    names : of its states. law : about the pose. plant : x and torques on their way, from u. neighbours : loops that are
-    apart by as much as rounding may be. poles, errors : of the closed loop, in 1/s, or of a sampled one per sample.
+    names : of its states. law : about the pose. neighbours : loops that are apart by as much as rounding may be.
+    poles, errors : of the closed loop, in 1/s, or of a sampled one per sample.
     """
 
     joints: tuple[str, ...]
@@ -42,10 +52,14 @@ class ControlLoop:
     neighbours: tuple[StateSpace, ...]
     poles: Array
     errors: Array
+    standing: Standing
 
     @property
     def stability(self) -> str:
-        """``stable``, ``unstable``, or ``marginal``: a mode of the loop neither decays nor grows."""
+        """``stable``, ``unstable``, ``marginal``: a mode of the loop neither decays nor grows; ``saturated``: there the
+        limits cut what the law asks for, so that it does not act on what moves."""
+        if self.standing.saturated:
+            return "saturated"
         sampled_ = self.system.period is not None
         beyond = np.abs(self.poles) - 1.0 if sampled_ else self.poles.real
         if (beyond > self.errors).any():
@@ -58,8 +72,12 @@ class ControlLoop:
         return "stable" if next(own, None) is None else "marginal"
 
 
-def loop_of(scene: Scene, equations: Residuals, states: States, places: tuple[int, ...]) -> ControlLoop:
+def loop_of(
+    scene: Scene, equations: Residuals, states: States, places: tuple[int, ...], about: str
+) -> ControlLoop:
     """Return the loop of a scene's controller, made ready, about a state of the equations of its mechanism.
+
+    about : what state that is; only that at the start has not the torques that hold it.
 
     Raises
     ------
@@ -73,9 +91,28 @@ def loop_of(scene: Scene, equations: Residuals, states: States, places: tuple[in
     problem = Problem(ready, keep_rows=keep, braces=plant.braces)
     control = Unlimited(problem)
     linear = linearise_states(equations, states, control.places, places)
-    law = linear_law(control, states, linear)
+    still = held_by(equations, states, control.places, places)[0] if about == "state" else states
+    needed = still.tau[0][control.places]
+    law = linear_law(control, states, linear, needed)
     names = [model.v_names[k] for k in places]
-    return assembled_loop(control, law, linear, [*names, *(f"qd.{name}" for name in names)])
+    standing = _standing(control, law.torques, needed, linear.dq[0][control.places])
+    return assembled_loop(control, law, linear, [*names, *(f"qd.{name}" for name in names)], standing)
+
+
+def _standing(control: Unlimited, asked: Array, needed: Array, ways: Array) -> Standing:
+    """Return how torques (n,) that a law asks for hold a pose; needed (n,) : what does. ways (n, f) : motions of its
+    joints by the freedoms."""
+    given, saturated = asked.copy(), []
+    for k, most in enumerate(control.bounds):
+        if most is not None and not most[0] < asked[k] < most[1]:
+            given[k] = np.clip(asked[k], *most)
+            saturated.append(control.joints[k])
+    off = given - needed
+    scale = OFF * max(1.0, float(np.abs(needed).max(initial=0.0)))
+    if np.abs(ways.T @ off).max(initial=0.0) <= scale * max(1.0, float(np.abs(ways).max(initial=0.0))):
+        return Standing({}, tuple(saturated))
+    left = {name: float(x) for name, x in zip(control.joints, off) if abs(x) > scale}
+    return Standing(left, tuple(saturated))
 
 
 def _independent(equations: Residuals, states: States) -> list[int]:
@@ -87,7 +124,9 @@ def _independent(equations: Residuals, states: States) -> list[int]:
     return sorted(order[: rank(psi, RANK_TOLERANCE)].tolist())
 
 
-def assembled_loop(control: Unlimited, law: LinearLaw, linear: Linear, names: Sequence[str]) -> ControlLoop:
+def assembled_loop(
+    control: Unlimited, law: LinearLaw, linear: Linear, names: Sequence[str], standing: Standing
+) -> ControlLoop:
     """Return the loop of a plant and a law."""
     A, B = linear.A[0], linear.B[0]
     systems = []
@@ -100,7 +139,7 @@ def assembled_loop(control: Unlimited, law: LinearLaw, linear: Linear, names: Se
     delayed = control.whole + (control.rest > 0.0) if control.period is not None else 0
     waiting = [f"delayed{k + 1}.{name}" for k in range(delayed) for name in control.joints]
     return ControlLoop(
-        control.joints, (*names, *waiting, *law.names), law, system, tuple(others), poles, errors
+        control.joints, (*names, *waiting, *law.names), law, system, tuple(others), poles, errors, standing
     )
 
 
