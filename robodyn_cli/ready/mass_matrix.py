@@ -303,18 +303,36 @@ def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
             )  # fmt: skip
 
 
+def negative_part(M: Any, psi: Any) -> Any:
+    """Return the sum of what eigenvalues of M (N, nv, nv) along motions with Psi v = 0 lie below zero (N,).
+
+    M is in parts of the joints' own inertias; Psi (N, m, nv). Of a symmetric matrix the singular values are the sizes
+    of the eigenvalues, so that the sum is half of what they exceed the trace by.
+    """
+    n = M.shape[-1]
+    own = np.abs(M[:, range(n), range(n)])
+    size = np.sqrt(np.where(own == 0.0, 1.0, own))
+    M = M / (size[:, :, None] * size[:, None, :])
+    if psi.shape[1]:
+        _, s, Vt = np.linalg.svd(psi / size[:, None, :], full_matrices=False)
+        holds = s > SINGULAR * s.max(axis=1, initial=0.0)[:, None]
+        along = np.eye(n) - Vt.transpose(0, 2, 1) @ (holds[:, :, None] * Vt)
+        M = along @ M @ along
+    sizes = np.linalg.svd(M, compute_uv=False).sum(axis=1)
+    return 0.5 * (sizes - M[:, range(n), range(n)].sum(axis=1))
+
+
 def _negative_motion(M: Array, psi: Array) -> Array | None:
     """Return rates (nv,) with Psi v = 0 and a kinetic energy below zero by more than rounding; None for none."""
+    if negative_part(M[None], psi.reshape(1, -1, len(M)))[0] <= INDEFINITE:
+        return None
     size = np.sqrt(np.where(np.diag(M) == 0.0, 1.0, np.abs(np.diag(M))))
     N = np.eye(len(M))
     if psi.size:
         _, s, Vt = np.linalg.svd(psi.reshape(-1, len(M)) / size)
         N = Vt[int((s > SINGULAR * s.max(initial=0.0)).sum()) :].T
-    if not N.size:
-        return None
-    values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
-    rates: Array = N @ vectors[:, 0] / size
-    return rates if values[0] < -INDEFINITE else None
+    rates: Array = N @ np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)[1][:, 0] / size
+    return rates
 
 
 def _singular(felt: Felt) -> NumericalError:

@@ -209,6 +209,14 @@ def test_settings_that_a_page_cannot_vouch_for_are_refused_with_their_reason(tmp
 
 
 @needs_node
+def test_inertias_that_no_body_has_are_left_to_the_command(tmp_path: Path) -> None:
+    ranges = {"robot.links.link1.inertia.zz": (-1e3, 1e3)}
+    live = LiveStructure(family_of("double_pendulum.yaml", ["robot.links.link1.inertia.zz=0.2"]), ranges)
+    reasons = [page.get("reason") for page in run_live(live, np.array([[0.3], [-1e3]]), tmp_path)]
+    assert reasons == [None, "definite"]
+
+
+@needs_node
 def test_a_motion_without_a_lock_is_no_answer(tmp_path: Path) -> None:
     family = family_of("four_bar_deploy.yaml", ["simulate.duration=11"])
     live_one = family_of("four_bar_deploy.yaml", ["simulate.duration=13"])

@@ -225,6 +225,20 @@ def test_values_that_c_cannot_vouch_for_have_a_reason(tmp_path: Path) -> None:
     assert [own.run(row).get("reason") for row in rows] == ["structure", None, "range", "range"]
 
 
+@needs_compiler
+def test_inertias_that_no_body_has_are_left_to_the_program(tmp_path: Path) -> None:
+    """M = I + m c^2 of one body: at the start, and where values change on the way."""
+    overrides = ["robot.links.link1.inertia.zz=0.2"]
+    ranges: Ranges = {"robot.links.link1.inertia.zz": (-1e3, 1e3)}
+    own = ExportedLoop(family_of("double_pendulum.yaml", overrides), ranges, tmp_path / "c")
+    good, bad = np.array([0.3]), np.array([-1e3])
+    assert own.run(good).get("reason") is None and own.run(bad)["reason"] == "definite"
+    loop, why = own.begin(good)
+    assert why == 0 and own.begin(bad)[1] == own.reasons.index("definite")
+    own.stop(loop, 0.1)
+    assert own.change(loop, good) == 0 and own.change(loop, bad) == own.reasons.index("definite")
+
+
 REFUSED = {
     ("bouncing_pendulum.yaml",): "rigid stop",
     ("four_bar_prescribed.yaml",): "a motion is prescribed",

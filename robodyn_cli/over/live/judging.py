@@ -22,11 +22,13 @@ from robodyn_cli.motion.method import FAST_DECAYS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
 from robodyn_cli.over.commands import locks
+from robodyn_cli.over.live.inertia import at_start
 from robodyn_cli.over.live.rules import Recorded, Tape
 from robodyn_cli.over.many.course import samplings
 from robodyn_cli.over.many.integrate import SOUND, RunBatch, balances
 from robodyn_cli.over.many.simulate import MotionCommand
 from robodyn_cli.over.many.start import ManyClosing
+from robodyn_cli.ready.mass_matrix import INDEFINITE, negative_part
 from robodyn_cli.solve import closure
 from robodyn_cli.solve.closure import has_full_rank, least_steps
 from robodyn_cli.spatial.algebra import Array
@@ -210,6 +212,10 @@ class Judging:
         closing, motion = self.live.closing, self.motion
         if closing is not None:
             self._record_closing(closing)
+        if "inertia" in self.live.equations:
+            tape, (M, rows) = Tape(), at_start(motion)
+            psi = tape.input("psi", rows) if rows.size else rows
+            self._keep("definite", tape, {"good": negative_part(tape.input("mass", M), psi) <= INDEFINITE})
         if motion.choice.may_change:
             tape = Tape()
             n = self.system.size
@@ -357,7 +363,8 @@ REASONS = {
     "range": "a value is outside its range",
     "special": "at this very value the equations are others",
     "structure": "these values have other equations",
-    "closed": "the loops do not close near the pose of this report",
+    "closed": "the loops do not close near the scene's own pose",
+    "definite": "the mass matrix is not positive at the start: there are no bodies with these inertias",
     "slow": "the motion may be stiff there",
     "balance": "the balance of energy is lost",
     "regular.start": "the loops are near a singular pose at the start",

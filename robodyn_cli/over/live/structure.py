@@ -32,6 +32,7 @@ from robodyn_cli.over.live.code import (
     notes_text,
     numbers_text,
 )
+from robodyn_cli.over.live.inertia import inertia_equations
 from robodyn_cli.over.live.judging import Judging, limits_of_closing
 from robodyn_cli.over.live.rules import plain
 from robodyn_cli.over.many.command import VERDICT
@@ -235,6 +236,8 @@ class LiveStructure:
             outputs["loops"] = self.closing.equations
         if is_judged_by_energy(motion):
             outputs["energies"] = {"kinetic": [problem.kinetic], "potential": [potential_energy(problem)]}
+        if bodies := inertia_equations(motion, self.structure.recipe):
+            outputs["inertia"] = bodies
         if locks(self.command.name):
             outputs["psi"] = {"psi": problem.psi[problem.constraints.of_loops].ravel().tolist()}
         if motion.choice.may_change:

@@ -32,9 +32,9 @@ FEW_RUNS = 8  # stretches of entries that are copied one after another in the te
 
 # what runs give to rules, and what these say of them, wherever a rule asks for it
 GIVEN = (
-    "steps", "time", "again.steps", "again.given_up", "jacobian", "psi", "eta", "cosines", "q", "v", "energies.start",
-    "energies.end", "work", "start", "first.out", "first.end", "again.out", "again.end", "again.time", "third.out",
-    "third.end",
+    "steps", "time", "again.steps", "again.given_up", "jacobian", "mass", "psi", "eta", "cosines", "q", "v",
+    "energies.start", "energies.end", "work", "start", "first.out", "first.end", "again.out", "again.end",
+    "again.time", "third.out", "third.end",
 )  # fmt: skip
 JUDGED = ("w", "when", "most", "good", "step", "v", "end", "time_error")
 

@@ -154,10 +154,29 @@ static int close_loops(Integration *m, double *x)
 }
 #endif
 
+/* Returns 0, or why the bodies at a state x are left to robodyn. */
+static int no_bodies(Integration *m, const double *x)
+{
+#if DEFINITE
+    Given given = {0};
+    Judged judged = {0};
+
+    loop_inertia((char *)(uintptr_t)x, (char *)m->table, (char *)m->results);
+    given.mass = m->results;
+    given.psi = m->results + MASS;
+    rule_definite(&given, &judged, m->closing);
+    return judged.good[0] != 0.0 ? 0 : REASON_definite;
+#else
+    (void)m;
+    (void)x;
+    return 0;
+#endif
+}
+
 /* Sets the state that values start from. Returns 0, or why these values are left to robodyn. */
 static int set_start(Integration *m, const double *values)
 {
-    int k, changed = 0;
+    int k, changed = 0, reason = 0;
 
     for (k = 0; k < KEYS; ++k)
         changed |= values[k] != KEY[k].value;
@@ -166,10 +185,9 @@ static int set_start(Integration *m, const double *values)
         if (changed && KEY[k].state >= 0)
             m->x[KEY[k].state] = values[k];
 #if CLOSING
-    return changed ? close_loops(m, m->x) : 0;
-#else
-    return 0;
+    reason = changed ? close_loops(m, m->x) : 0;
 #endif
+    return reason ? reason : no_bodies(m, m->x);
 }
 
 /* Closed loops have other positions that close them as well, by rounding: second runs start from these. */
@@ -395,8 +413,10 @@ int own_loop_stop(own_loop *loop, double time, double longest, double x[own_STAT
 int own_loop_change(own_loop *loop, const double values[own_KEY_ROOM], int again)
 {
     Integration *m = (Integration *)(void *)loop->memory;
-    const int reason = set_numbers(m, values);
+    int reason = set_numbers(m, values);
 
+    if (!reason)
+        reason = no_bodies(m, m->out);
     if (!reason)
         put_off(m->table, m->numbers, again ? SECOND[0].draw : FIRST.draw);
     return reason;

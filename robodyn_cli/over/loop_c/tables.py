@@ -43,7 +43,7 @@ class LoopTables:
     def equations(self) -> list[str]:
         """The equations that runs ask for."""
         sizes = self.constants
-        asked = {"loops": "CLOSING", "energies": "BALANCE", "psi": "LOCKS", "jacobian": "SLOW",
+        asked = {"loops": "CLOSING", "energies": "BALANCE", "psi": "LOCKS", "jacobian": "SLOW", "inertia": "DEFINITE",
                  "outputs": "OBSERVED", "reactions": "REACTIONS"}  # fmt: skip
         return [name for name in self.data["outputs"] if sizes[asked[name]]]
 
@@ -74,6 +74,7 @@ class LoopTables:
             "PLACES": len(memory["places"]), "JOBS": len(memory["job"]),
             "CLOSING": int(bool(closing)), "MISSING": int("step.missing" in rules), "FREE": int("step.free" in rules),
             "BESIDE": int("beside" in rules), "BALANCE": int("balance" in rules), "SLOW": int("slow" in rules),
+            "DEFINITE": int("definite" in rules), "MASS": d["outputs"].get("inertia", {}).get("mass", 0),
             "LOCKS": int(d["locks"]), "OBSERVED": sum(d["outputs"].get("outputs", {}).values()),
             "REACTIONS": sum(d["outputs"].get("reactions", {}).values()),
         }  # fmt: skip

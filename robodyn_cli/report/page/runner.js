@@ -218,6 +218,7 @@ class Runner {
     const { data } = this;
     this.setNumbers(values);
     const x = this.start(values);
+    if (data.outputs.inertia) this.require("definite", this.equations("inertia", x));
     if (data.outputs.jacobian) this.require("slow", this.equations("jacobian", x));
     const locks = data.locks;
     if (locks) this.require("regular.start", this.equations("psi", x));
