@@ -453,3 +453,30 @@ def test_what_a_law_holds_with_its_states_at_rest(kind: str) -> None:
     assert (own["closed_loop"]["stability"] == "saturated") == ("saturated" in wanted)
     if "saturated" in wanted:
         assert own["loop"]["a"]["gain_margin"] == 1.0
+
+
+def test_the_goal_of_a_controller_moves_what_the_start_holds() -> None:
+    """A crank that is held while the loop closes at the start turns where the driven slide goes: by the triangle."""
+    text = """\
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: crank, type: revolute, axis: [0, 0, 1]}
+    - {name: rod, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.15, 0, 0]}}
+    - {name: slide, type: prismatic, axis: [1, 0, 0], parent: base, damper: {damping: 8}}
+  links:
+    - {name: cr, mass: 0.8, com: [0.07, 0, 0], inertia: {zz: 0.003}}
+    - {name: rd, mass: 0.5, com: [0.25, 0, 0], inertia: {zz: 0.012}}
+    - {name: pis, mass: 1.1, com: [0, 0, 0], inertia: {zz: 0.01}}
+  points: {rend: {link: rd, at: [0.5, 0, 0]}}
+loops: [{name: wrist, type: revolute, between: [rend, pis.origin]}]
+actuated: [slide]
+initial: {q: {crank: 30 deg, rod: -40 deg, slide: 0.6}, hold: [crank]}
+simulate: {duration: 2, samples: 41}
+control: {type: gravity, gains: {kp: 900, kd: 60}}
+trajectory: {type: joint, duration: 1, q: {slide: "0.58"}}
+"""
+    q = linearise(load_scene_text(text)).summary["configuration"]
+    assert abs(q["slide"] - 0.58) < 1e-9
+    assert abs(q["crank"] - math.acos((0.15**2 + 0.58**2 - 0.5**2) / (2 * 0.15 * 0.58))) < 1e-9

@@ -14,11 +14,11 @@ from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.linear.reduce import Linear, held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States, by_steps, by_symbols, evaluated
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, did_you_mean
+from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, SceneError, did_you_mean
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.integrable import integrable
-from robodyn_cli.ready.prepare import passive_coordinates, prepare, refuse_changes
+from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare, refuse_changes
 from robodyn_cli.ready.singularity import rounded_rank
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -257,7 +257,7 @@ def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
     from robodyn_cli.works.loops.pose import aim_of
 
     aim = aim_of(integrable(scene, watch))
-    setup = prepare(at_rest(aim.scene), watch, neutral=True)
+    setup = _assembled(aim.scene, scene.control.joints, watch)
     problem, states = setup.problem, States.one(setup.assembled.q, setup.assembled.v)
     states = dataclasses.replace(states, times=np.array([aim.time]))
     equations = Residuals(problem, _applied(problem), moving_freely(problem.contact_joints))
@@ -277,6 +277,19 @@ def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
         return setup.problem, held, aim.words
     words = f"{aim.words}, the joints that are not driven at their balance"
     return problem, dataclasses.replace(rest, times=states.times), words
+
+
+def _assembled(scene: Scene, driven: Sequence[str], watch: Stopwatch) -> Setup:
+    """Return a scene that is assembled at the goal of its controller: where what ``initial.hold`` keeps at the start
+    has to move with the driven joints, these alone are held."""
+    try:
+        return prepare(at_rest(scene), watch, neutral=True)
+    except GeometryError:
+        alone = tuple(name for name in scene.initial.hold if name in driven)
+        if alone == scene.initial.hold:
+            raise
+        initial = dataclasses.replace(scene.initial, hold=alone)
+        return prepare(at_rest(dataclasses.replace(scene, initial=initial)), watch, neutral=True)
 
 
 def _applied(problem: Problem) -> Vector:
