@@ -133,7 +133,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def unit(units: str) -> str:
     """Return units of the file as printed: ``N m`` -> ``N·m``, ``rad/s^2`` -> ``rad/s²``."""
     text = units.replace("^2", "²").replace("^3", "³")
-    for word in (" or ", ", ", "; ", " of a ", "per "):
+    for word in (" or ", " and ", ", ", "; ", " of a ", "per "):
         text = text.replace(word, word.replace(" ", "\N{NO-BREAK SPACE}"))
     return text.replace(" ", "·").replace("\N{NO-BREAK SPACE}", " ")
 

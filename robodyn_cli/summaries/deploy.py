@@ -18,7 +18,7 @@ from robodyn_cli.summaries.facts import (
 from robodyn_cli.summaries.motion import Counters, MotionErrors
 
 FACTOR = "FACTOR"  # keys of a map: factors of growth, as text
-NORM = "N or N m"  # of multipliers of rows of both kinds
+NORM = "N and N m"  # of multipliers of rows of both kinds
 
 
 @record

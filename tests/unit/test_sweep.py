@@ -501,6 +501,42 @@ def test_a_grid_has_extremes_and_samples_a_spread(fall: Path, tmp_path: Path) ->
     assert "yield" in sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5, "--yield", 0).output
 
 
+SETTLING = """
+schema: 1
+command: simulate
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: z, type: prismatic, parent: base, axis: [0, 0, 1]}]
+  links: [{name: ball, mass: 2.0}]
+control: {type: pd, gains: {kp: 40, kd: 12}}
+trajectory: {type: joint, duration: 2, q: {z: "0.7"}}
+initial: {q: {z: 0}}
+simulate: {duration: 2, samples: 41}
+outputs: {response: true}
+"""
+
+
+def test_the_terminal_says_in_how_many_runs_an_output_has_no_value(tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(SETTLING)
+    words = [
+        tmp_path / "scene.yaml",
+        "--of",
+        "response.z.settling",
+        "--of",
+        "final.q.z",
+        "--out",
+        tmp_path / "out",
+    ]
+    found = sweep(*words, "--vary", "control.gains.kp=[40, 0.5, 0.1]").output
+    assert stored(tmp_path / "out")[1]["results"]["response.z.settling"]["runs"] == 1
+    assert re.search(r"^  output .* no value in$", found, re.MULTILINE)
+    assert re.search(r"^  response.z.settling .* s  2 of 3 runs$", found, re.MULTILINE)
+    assert re.search(r"^  final.q.z .* 0 of 3 runs$", found, re.MULTILINE)
+    none = sweep(*words, "--vary", "control.gains.kp=[0.5, 0.1]").output
+    assert re.search(r"^  response.z.settling .* 2 of 2 runs$", none, re.MULTILINE)
+    assert "no value" not in sweep(*words, "--vary", "control.gains.kp=[40, 41]").output
+
+
 UNITS = """
 schema: 1
 gravity: [0, 0, 0]

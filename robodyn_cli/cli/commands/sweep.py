@@ -228,15 +228,23 @@ def _share(share: Mapping[str, float]) -> str:
 
 
 def _spreads(summary: Mapping[str, Any]) -> list[str]:
-    """Return the table of the outputs: of samples their spread, of a grid the extremes; each with its error."""
+    """Return the table of the outputs: of samples their spread, of a grid the extremes; each with its error.
+
+    Where runs lack an output, as a time that never comes, it says in how many: these figures are those of the others.
+    """
     columns = {"mean": "mean", "sd": "sd"} | {name: f"quantiles.{name}" for name in ("5 %", "50 %", "95 %")}
     if "sampler" not in summary:
         columns = {"least": "minimum", "greatest": "maximum"}
-    rows = [["output", *columns, "as it stands", "unit"]]
+    lacking = {
+        key: summary["runs"] - (spread["runs"] if spread else 0) for key, spread in summary["results"].items()
+    }
+    told = any(lacking.values())
+    rows = [["output", *columns, "as it stands", "unit", *(["no value in"] if told else [])]]
     for key, spread in summary["results"].items():
         own = [f"results.{key}.{name}" for name in (*columns.values(), "nominal")]
         unit = spread["unit"] if spread is not None else ""
-        rows.append([key, *(_with_error(summary, name) for name in own), _unit(unit)])
+        without = [f"{lacking[key]} of {summary['runs']} runs"] if told else []
+        rows.append([key, *(_with_error(summary, name) for name in own), _unit(unit), *without])
     lines = [table(rows)]
     if any(spread is not None and "confidence" in spread for spread in summary["results"].values()):
         lines.append(

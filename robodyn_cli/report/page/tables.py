@@ -90,7 +90,7 @@ def with_units(value: Any, unit_of: UnitOfKey, key: str = "") -> Any:
     if isinstance(first, bool) or not isinstance(first, int | float):
         return value
     symbol = unit_of(f"{key}.0" if first is not value else key)
-    if len(own := symbol.split(EACH)) > 1:
+    if first is not value and len(own := symbol.split(EACH)) > 1:
         return [_quantity(x, "" if one == "1" else one) for x, one in zip(value, own, strict=True)]
     return _quantity(value, symbol)
 
