@@ -67,6 +67,10 @@ def _design_lines(control: Mapping[str, Any]) -> list[str]:
         off = max(pole["error"] for pole in poles)
         error = f" ({error_text(off)} off)" if off else ""
         lines.append(f"  poles of the loop  {', '.join(shown[:MOST_POLES])}{more} {unit}{error}")
+        if control.get("delay"):
+            lines.append(
+                "                     of the design, without the delay; `linearise` has those with it"
+            )
     if at := control.get("equilibrium"):
         pose, torques = (
             ", ".join(f"{name} {number(x)}" for name, x in list(at[key].items())[:MOST_COLUMNS])

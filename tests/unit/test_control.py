@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from robodyn_cli import Mechanism, simulate
+from robodyn_cli.cli.control_words import control_lines
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.stepping import writer
@@ -421,6 +422,16 @@ def test_a_mode_that_costs_nothing_is_refused(gains: str, period: str) -> None:
     control = f"{{type: lqr, joints: [x], pose: {{x: 0, th: 0}}, gains: {{{gains}}}{period}}}"
     with pytest.raises(SceneError, match="neither grows nor decays and costs nothing"):
         simulate(made(f"{CART_POLE}control: {control}\n"))
+
+
+def test_poles_of_a_design_say_that_they_are_without_the_delay() -> None:
+    control = "{type: lqr, joints: [x], pose: {x: 0, th: 0}, gains: {q: 10, qd: 1}, period: 0.01"
+    for delay, told in ((", delay: 0.02", True), ("", False)):
+        result = simulate(
+            made(f"{CART_POLE.replace('duration: 6', 'duration: 0.1')}control: {control}{delay}}}\n")
+        )
+        lines = "\n".join(control_lines(result.summary["control"]))
+        assert "poles of the loop" in lines and ("of the design, without the delay" in lines) == told
 
 
 def test_what_is_no_function_is_refused() -> None:

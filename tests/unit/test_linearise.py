@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from robodyn_cli import Mechanism, linearise, load_scene, load_scene_text, simulate, statics
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.report.plots.linear import number_phases
 from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close
 
@@ -422,3 +424,16 @@ def test_what_has_no_linear_model() -> None:
         linearise(load_scene(PENDULUM, ["robot.joints.0.gear={efficiency: 0.8}"]))
     with pytest.raises(CapabilityError, match="nothing can move"):
         linearise(load_scene(CONFIGS / "four_bar_prescribed.yaml"))
+
+
+@pytest.mark.parametrize(
+    "low, high", [(-180, -180), (-181, -179), (-170, -75), (-265, -95), (-500, 40), (-2000, 7)]
+)
+def test_an_axis_of_phases_has_numbers_that_can_be_read(low: float, high: float) -> None:
+    ax = Figure().add_subplot()
+    ax.plot([0, 1], [low, high])
+    number_phases(ax)
+    bottom, top = ax.get_ylim()
+    ticks = [x for x in ax.get_yticks() if bottom <= x <= top]
+    assert bottom <= low and high <= top and 3 <= len(ticks) <= 7
+    assert all(x % 5.0 == 0.0 for x in ticks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,9 @@ def poles_over_time(result: Result) -> Any:
 
 FEW = 6  # curves that are drawn
 ROUNDING = 1e-13  # of the largest gain, below which a response counts as none
-RIGHT_ANGLE, TURN = 90.0, 180.0  # deg: ticks of a phase that goes so far
+LEAST_PHASE = 30.0  # deg that an axis of phases has
+STEPS = 5.0, 15.0, 30.0, 45.0, 90.0, 180.0  # deg: between the numbers of an axis of phases
+MOST_STEPS = 6
 
 
 @record
@@ -129,7 +132,7 @@ def frequency_response(result: Result) -> Any:
     gain.set_yscale("log")
     powers(gain, "y")
     gain.set_ylabel("gain")
-    _right_angles(phase)
+    number_phases(phase)
     phase.set_ylabel("phase [deg]")
     phase.set_xlabel("frequency [Hz]")
     for ax in (gain, phase):
@@ -156,14 +159,16 @@ def _modes(ax: Axes, result: Result) -> None:
             ax.axvline(mode["frequency"], color=GREY, linewidth=0.7, linestyle=":")
 
 
-def _right_angles(ax: Axes) -> None:
-    """Number a phase that goes far with multiples of a right angle, or of half a turn."""
+def number_phases(ax: Axes) -> None:
+    """Number an axis of phases with parts and multiples of a right angle, three at least."""
     from matplotlib.ticker import MultipleLocator
 
     low, high = ax.get_ylim()
-    if high - low > RIGHT_ANGLE:
-        step = RIGHT_ANGLE if high - low < 6.0 * RIGHT_ANGLE else TURN
-        ax.yaxis.set_major_locator(MultipleLocator(step))
+    beyond = max(0.0, LEAST_PHASE - (high - low)) / 2.0
+    ax.set_ylim(low - beyond, high + beyond)
+    span = max(high - low, LEAST_PHASE)
+    turns = STEPS[-1] * math.ceil(span / (MOST_STEPS * STEPS[-1]))
+    ax.yaxis.set_major_locator(MultipleLocator(next((x for x in STEPS if span <= MOST_STEPS * x), turns)))
 
 
 def _responses(result: Result) -> Array:
