@@ -16,6 +16,7 @@ from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.over.live.rules import Tape
 from robodyn_cli.over.loop_c import rules
 from robodyn_cli.over.loop_c.rules import CRules
+from robodyn_cli.over.loop_c.structure import structure_of
 from robodyn_cli.scene.load import Family
 from tests.exported_c import COMPILER, compiled, needs_compiler, self_test
 from tests.exported_loop import ExportedLoop
@@ -223,6 +224,21 @@ def test_values_that_c_cannot_vouch_for_have_a_reason(tmp_path: Path) -> None:
     own = ExportedLoop(family_of("double_pendulum.yaml", overrides), ranges, tmp_path / "c")
     rows = np.array([[0.583, 1.0], [0.9, 1.0], [0.9, 4.0], [np.nan, 1.0]])
     assert [own.run(row).get("reason") for row in rows] == ["structure", None, "range", "range"]
+
+
+def test_keys_that_cannot_be_such_leave_the_others() -> None:
+    """By default: structure, an option, a number in the way, and parts of an attitude are left out, each with why."""
+    free = (-np.inf, np.inf)
+    cheap = {"robot.links.link1.mass": free, "robot.joints.theta1.alpha": free, "robot.links.link2.mass": (1.0, 2.0),
+             "simulate.duration": free, "gravity.1": free}  # fmt: skip
+    made, left = structure_of(family_of("double_pendulum.yaml"), {}, cheap)
+    names = [key.key.name for key in made.keys]
+    assert set(names) >= {"robot.links.link1.mass", "gravity.1", "initial.q.theta1"}
+    assert set(left) == set(cheap) - set(names) and len(left) == 3
+    assert "outside 1:2" in left["robot.links.link2.mass"]
+    made, left = structure_of(family_of("spinning_top.yaml"), {}, {"gravity.2": free})
+    starts = [name.rpartition(".")[2] for name in left]
+    assert starts == ["qw", "qx", "qy", "qz"] and len(made.keys) > 1
 
 
 @needs_compiler

@@ -145,7 +145,7 @@ def export_c(
     simulation = None
     if loop:
         simulation, without = simulation_of(family, asked, made, library.name)
-        notes += [f"not a key of the loop: {', '.join(without)}"] if without else []
+        notes += without
     objects = [] if processor is None else objects_of(library, processor)
     about = "" if processor is None else objects_readme(library, processor, objects)
     contents: dict[str, str | bytes] = {

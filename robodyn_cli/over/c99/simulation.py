@@ -41,10 +41,10 @@ class CSimulation:
 def simulation_of(
     family: Family, asked: Sequence[AskedKey], made: Parametrised, name: str
 ) -> tuple[CSimulation, list[str]]:
-    """Return the simulation with the keys that are asked for, and those that are no keys of it."""
+    """Return the simulation with the keys that are asked for, and what to say of those that are left out."""
     from robodyn_cli.over.loop_c.expected import loop_test
     from robodyn_cli.over.loop_c.library import LoopLibrary
-    from robodyn_cli.over.loop_c.structure import structure_of
+    from robodyn_cli.over.loop_c.structure import left_out, structure_of
 
     bounds = {key.name: (key.low, key.high) for key in made.keys}
     ranges = {one.name: bounds.get(one.name, one.ends) for one in asked}
@@ -56,4 +56,4 @@ def simulation_of(
         steps=int(first.steps[0]), kilobytes=8 * sum(library.tables.integration.values()) / 1000,
     )  # fmt: skip
     files = {f"{name}_loop.h": library.header, f"{name}_loop.c": library.source}
-    return CSimulation(files, loop_test(library), readme), without
+    return CSimulation(files, loop_test(library), readme), left_out(without)

@@ -23,6 +23,7 @@ from robodyn_cli.over.c99.source import library_name
 from robodyn_cli.over.fmu.description import UnitDescription
 from robodyn_cli.over.fmu.structure import FmuStructure
 from robodyn_cli.over.loop_c.library import LoopLibrary
+from robodyn_cli.over.loop_c.structure import left_out, with_able_keys
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.scene.load import Family
 
@@ -31,7 +32,6 @@ SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": (
 MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64", "i686": "x86"}
 FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of entries: the same scene gives the same file
-FREE = (-float("inf"), float("inf"))
 
 
 def export_fmu(
@@ -49,7 +49,7 @@ def export_fmu(
     """
     if target.suffix != SUFFIX:
         raise CapabilityError(f"--fmu {target}: allowed: a file that ends with {SUFFIX}")
-    structure = fmu_structure(family, asked, inputs)
+    structure, left = fmu_structure(family, asked, inputs)
     library = LoopLibrary(structure, library_name(target.with_suffix("").name), os.path.basename(family.path))
     texts = unit_texts(structure, library)
     binary, notes = compiled(library, texts, flags)
@@ -59,11 +59,16 @@ def export_fmu(
         for name, content in entries.items():
             unit.writestr(zipfile.ZipInfo(name, EPOCH), content, zipfile.ZIP_DEFLATED)
     write_bytes(target, buffer.getvalue())
-    return notes
+    return [*left, *notes]
 
 
-def fmu_structure(family: Family, asked: Sequence[AskedKey], inputs: Sequence[AskedKey]) -> FmuStructure:
-    """Return the motion with the keys that are asked for; without any, with those that cost nothing and can vary."""
+def fmu_structure(
+    family: Family, asked: Sequence[AskedKey], inputs: Sequence[AskedKey]
+) -> tuple[FmuStructure, list[str]]:
+    """Return the motion with the keys that are asked for; without any, with those that cost nothing and can vary.
+
+    The second is what to say of keys that are left out.
+    """
     names = [one.name for one in inputs]
     ranges = {one.name: one.ends for one in (*asked, *inputs)}
     if asked:
@@ -71,29 +76,22 @@ def fmu_structure(family: Family, asked: Sequence[AskedKey], inputs: Sequence[As
         bounds = (
             {key.name: (key.low, key.high) for key in parametrised(family, numbers).keys} if numbers else {}
         )
-        return FmuStructure(
-            family, {**ranges, **{name: x for name, x in bounds.items() if name in ranges}}, names
-        )
-    scene = family.own
-    starts = {f"initial.{g}.{name}": FREE for g in ("q", "qd") for name in getattr(scene.initial, g)}
-    for more in ({**_cheap(family), **starts}, starts, {}):
-        try:
-            made = FmuStructure(family, {**more, **ranges}, names)
-            made.code([])
-        except RobodynError:
-            if not more:
-                raise
-        else:
-            return made
-    raise AssertionError("the loop ends before")
+        ranges |= {name: x for name, x in bounds.items() if name in ranges}
+        return FmuStructure(family, ranges, names), []
+    cheap, why = _cheap(family)
+    more = {name: ends for name, ends in cheap.items() if name not in ranges}
+    made, left = with_able_keys(family, more, lambda keys: FmuStructure(family, {**keys, **ranges}, names))
+    return made, [*why, *left_out(left)]
 
 
-def _cheap(family: Family) -> Mapping[str, tuple[float, float]]:
-    """Return the keys that are parameters by default, with their bounds."""
+def _cheap(family: Family) -> tuple[Mapping[str, tuple[float, float]], list[str]]:
+    """Return the keys that are parameters by default, with their bounds, and why there are none."""
     try:
-        return {key.name: (key.low, key.high) for key in parametrised(family, []).keys}
-    except RobodynError:  # functions of a state cannot hold a part of the scene
-        return {}
+        return {key.name: (key.low, key.high) for key in parametrised(family, []).keys}, []
+    except RobodynError as error:  # functions of a state cannot hold a part of the scene
+        return {}, [
+            f"no numbers of the equations are keys of the loop unless --key asks for them: {error.message}"
+        ]
 
 
 def unit_texts(structure: FmuStructure, library: LoopLibrary) -> dict[str, str]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.over.live.structure import LiveKey, LiveStructure
-from robodyn_cli.over.many.keys import NUMBER, START, Key, value_of
+from robodyn_cli.over.live.structure import SORTS, LiveKey, LiveStructure
+from robodyn_cli.over.many.keys import Key, understand, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.read_joints import QUATERNION
 from robodyn_cli.spatial.algebra import Array
 
 C99 = Target("", "", "", lanes=1, fused=False)
@@ -64,28 +65,91 @@ class CStructure(LiveStructure):
 
 def structure_of(
     family: Family, asked: Mapping[str, tuple[float, float]], cheap: Mapping[str, tuple[float, float]]
-) -> tuple[CStructure, list[str]]:
+) -> tuple[CStructure, dict[str, str]]:
     """Return the motion of a scene with the keys that are asked for; without any, with those of ``cheap`` that can
-    vary, and the given starts. The second are the keys that are left out.
+    vary, and the given starts. The second are the keys that are left out, with the reason.
 
     Raises
     ------
     CapabilityError, SceneError : what cannot leave, by name.
     """
     if asked:
-        return CStructure(family, asked), []
+        return CStructure(family, asked), {}
+    return with_able_keys(family, cheap, lambda keys: CStructure(family, keys))
+
+
+Made = TypeVar("Made", bound=CStructure)
+
+
+def with_able_keys(
+    family: Family,
+    cheap: Mapping[str, tuple[float, float]],
+    build: Callable[[Mapping[str, tuple[float, float]]], Made],
+) -> tuple[Made, dict[str, str]]:
+    """Return the motion with those of ``cheap`` and of the given starts that can be keys; the others with the reason.
+
+    What stands in the way is found by halves: keys that cannot be such are few.
+
+    Raises
+    ------
+    CapabilityError, SceneError : the motion cannot leave without any key, either.
+    """
+    keys: dict[str, tuple[float, float]] = {}
+    able, left = _candidates(family, cheap)
+    found: list[Made] = []
+
+    def tried(more: Mapping[str, tuple[float, float]]) -> None:
+        made = build({**keys, **more})
+        made.texts(C99)
+        keys.update(more)
+        found[:] = [made]
+
+    def add(names: Sequence[str]) -> None:
+        try:
+            tried({name: able[name] for name in names})
+        except RobodynError as error:
+            if not found:
+                tried({})
+            if len(names) == 1:
+                left[names[0]] = error.message.removeprefix(f"this scene cannot {found[0].where}: ")
+            else:
+                add(names[: len(names) // 2])
+                add(names[len(names) // 2 :])
+
+    if able:
+        add(list(able))
+    else:
+        tried({})
+    return found[0], left
+
+
+def _candidates(
+    family: Family, cheap: Mapping[str, tuple[float, float]]
+) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
+    """Return the keys that may be such by default with their ranges, and the others with the reason."""
     scene, free = family.own, (-math.inf, math.inf)
     starts = {f"initial.{g}.{name}": free for g in ("q", "qd") for name in getattr(scene.initial, g)}
-    wanted = {**cheap, **starts}
-    sorts = {key.name: key.sort for key in Mechanism(family, list(wanted)).keys}
-    able = {name: ends for name, ends in wanted.items() if sorts[name] in (NUMBER, START)}
-    for keys in (able, {name: ends for name, ends in able.items() if name in starts}, {}):
+    able, left = {}, {}
+    for name, ends in {**cheap, **starts}.items():
+        joint, _, part = name.removeprefix("initial.q.").rpartition(".")
+        if name in starts and joint and part in QUATERNION:
+            left[name] = "an attitude starts where the scene says, its parts are no numbers of their own"
+            continue
         try:
-            made = CStructure(family, keys)
-            made.texts(C99)
-        except CapabilityError:
-            if not keys:
-                raise
+            sort = understand(family, name).sort
+        except RobodynError as error:
+            left[name] = error.message
+            continue
+        if sort in SORTS:
+            left[name] = f"it {SORTS[sort]}"
         else:
-            return made, [name for name in wanted if name not in keys]
-    raise AssertionError("the loop ends before")
+            able[name] = ends
+    return able, left
+
+
+def left_out(left: Mapping[str, str]) -> list[str]:
+    """Return what to say of keys that are left out: those with one reason together."""
+    together: dict[str, list[str]] = {}
+    for name, why in left.items():
+        together.setdefault(why, []).append(name)
+    return [f"not a key of the loop: {', '.join(names)}: {why}" for why, names in together.items()]
