@@ -186,7 +186,9 @@ def _unit(
     if _is_stored(source):
         raise CapabilityError(f"{source} is a result, which does not simulate; allowed with --fmu: a scene")
     overrides, *others = given
-    keys, inputs = ([asked_key(text) for text in texts] for texts in others)
+    keys, inputs = (
+        [asked_key(text, option) for text in texts] for texts, option in zip(others, ("--key", "--input"))
+    )
     return [target], export_fmu(_family(source, overrides), target, keys, inputs)
 
 

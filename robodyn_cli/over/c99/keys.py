@@ -101,8 +101,8 @@ class AskedKey:
         return (-math.inf if self.low is None else self.low), (math.inf if self.high is None else self.high)
 
 
-def asked_key(text: str) -> AskedKey:
-    """Return what ``KEY`` or ``KEY=LOW:HIGH`` asks for.
+def asked_key(text: str, option: str = "--key") -> AskedKey:
+    """Return what ``KEY`` or ``KEY=LOW:HIGH`` of an option asks for.
 
     Raises
     ------
@@ -116,9 +116,9 @@ def asked_key(text: str) -> AskedKey:
     except ValueError:  # not two
         low, high, unit = math.nan, math.nan, ""
     except SceneError as error:
-        raise CapabilityError(f"--key {name}={error.message}") from error
+        raise CapabilityError(f"{option} {name}={error.message}") from error
     if not low < high:
-        raise CapabilityError(f"--key {text}: allowed: {SPAN}")
+        raise CapabilityError(f"{option} {text}: allowed: {SPAN}")
     return AskedKey(name, low, high, unit)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from robodyn_cli.kernels.c99 import literal, wrapped
+from robodyn_cli.kernels.c99 import comment, literal, wrapped
 from robodyn_cli.over.fmu.structure import FmuOutput, FmuStructure
 from robodyn_cli.over.loop_c.library import LoopLibrary
 from robodyn_cli.version import __version__
@@ -38,6 +38,7 @@ class UnitDescription:
         """The text of ``fmu_data.h``."""
         keys = self.structure.keys
         flags = ", ".join(str(int(k.key.name in self.structure.inputs)) for k in keys) or "0"
+        names = ", ".join(f'"{comment(k.key.name)}"' for k in keys) or '""'
         lines = [
             "/* Numbers of this unit. */\n\n#include <math.h>\n",
             f'#define TOKEN "{self.token}"',
@@ -46,6 +47,7 @@ class UnitDescription:
             f"#define INPUTS {len(self.structure.inputs)}",
             _table("KEY_LOW", [k.low for k in keys]),
             _table("KEY_HIGH", [k.high for k in keys]),
+            f"static const char *const KEY_NAME[] = {{{names}}};",
             f"static const int KEY_INPUT[] = {{{flags}}};",
         ]
         return "\n".join(lines) + "\n"

@@ -7,6 +7,7 @@
 #include "own_loop.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,6 +29,7 @@ typedef struct {
     State state;
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
+    char message[320];
 } Unit;
 
 static fmi3Status refuse(Unit *unit, const char *message)
@@ -35,6 +37,12 @@ static fmi3Status refuse(Unit *unit, const char *message)
     if (unit->log)
         unit->log(unit->environment, fmi3Error, "logStatusError", message);
     return fmi3Error;
+}
+
+static fmi3Status refuse_key(Unit *unit, fmi3ValueReference key, const char *message)
+{
+    snprintf(unit->message, sizeof unit->message, "%.200s: %s", KEY_NAME[key], message);
+    return refuse(unit, unit->message);
 }
 
 static void set_nominal(State *s)
@@ -257,9 +265,9 @@ FMI3_Export fmi3Status fmi3SetFloat64(
         if (r[k] < FIRST_KEY || r[k] >= FIRST_OUT)
             return refuse(unit, "it is no parameter and no input");
         if (!(x[k] >= KEY_LOW[key] && x[k] <= KEY_HIGH[key]))
-            return refuse(unit, "a value is outside its range");
+            return refuse_key(unit, key, "a value is outside its range");
         if (s->stage == STEPPING && !KEY_INPUT[key])
-            return refuse(unit, "parameters stay as they are behind the initialisation");
+            return refuse_key(unit, key, "parameters stay as they are behind the initialisation");
         s->changed |= s->stage == STEPPING && s->values[key] != x[k];
         s->values[key] = x[k];
     }

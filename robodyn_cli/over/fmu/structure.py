@@ -53,6 +53,9 @@ class FmuStructure(CStructure):
         self.inputs = tuple(inputs)
         super().__init__(family, ranges)
 
+    def _option(self, name: str) -> str:
+        return "--input" if name in self.inputs else "--key"
+
     def _structure(self, mechanism: Mechanism) -> Structure:
         places = []
         for k, key in enumerate(self.keys):

@@ -115,8 +115,7 @@ class LiveStructure:
         self.closing = self._closing()
         self.tables = Tables([*self.fleet.tables.programs, *(own.program for own in self.equations.values())])
 
-    @staticmethod
-    def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
+    def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
         """Return a key with its range.
 
         Raises

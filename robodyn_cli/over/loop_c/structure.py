@@ -25,19 +25,22 @@ class CStructure(LiveStructure):
     where = "leave as C"
     in_page = False
 
-    @staticmethod
-    def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
-        low, high = ends
+    def _option(self, name: str) -> str:
+        """Return the option that asks for a key."""
+        return "--key"
+
+    def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
+        (low, high), asked = ends, f"{self._option(key.name)} {key.name}"
         if key.scale != 1.0:
             raise CapabilityError(
-                f"--key {key.name}: it has a unit or a sign in the scene; allowed: the key without '#'"
+                f"{asked}: it has a unit or a sign in the scene; allowed: the key without '#'"
             )
         value = value_of(mechanism.family, key.name)
         if value is None:
-            raise CapabilityError(f"--key {key.name}: it has no value in the scene; give it one by --set")
+            raise CapabilityError(f"{asked}: it has no value in the scene; give it one by --set")
         if not low <= value <= high:
             raise CapabilityError(
-                f"--key {key.name}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
+                f"{asked}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
             )
         return LiveKey(key, value, low, high)
 
