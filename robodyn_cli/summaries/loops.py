@@ -56,7 +56,8 @@ class LoopMargins:
     )
     delay_margin: float | None = or_infinite(
         fact(
-            "least time that turns it so far, by phase over frequency; `null`: any; 0 where it is not stable",
+            "least further delay that makes it not stable: by phase over frequency, of a sampled loop by the exact "
+            "model with that delay under the hold; `null`: any; 0 where it is not stable",
             "s",
             errors=(".errors.delay_margin",),
         )

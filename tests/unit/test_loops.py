@@ -480,3 +480,41 @@ trajectory: {type: joint, duration: 1, q: {slide: "0.58"}}
     q = linearise(load_scene_text(text)).summary["configuration"]
     assert abs(q["slide"] - 0.58) < 1e-9
     assert abs(q["crank"] - math.acos((0.15**2 + 0.58**2 - 0.5**2) / (2 * 0.15 * 0.58))) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("period", "delay", "gains"), [(0.02, 0.013, (30, 4)), (0.1, 0.0, (18, 1.5)), (0.05, 0.0, (20, 6))]
+)
+def test_the_delay_margin_under_a_hold_is_where_the_exact_model_has_a_pole_on_the_circle(
+    period: float, delay: float, gains: tuple[float, float]
+) -> None:
+    """Against scipy's hold over a part of a period, by hand: the largest pole is inside up to the margin, and then out."""
+    kp, kd = gains
+    law = f"gravity, period: {period}, delay: {delay}, gains: {{kp: {kp}, kd: {kd}}}"
+    own = linearise(load_scene_text(f"{PENDULUM}{law}}}")).summary["loop"]["a"]
+    A = np.array([[0.0, 1.0], [FALLING / INERTIA, -0.15 / INERTIA]])
+    K = np.array([kp + FALLING, kd])  # the law gives gravity where it is: its slope counts
+
+    def held(time: float) -> tuple[np.ndarray, np.ndarray]:
+        if time <= 0.0:
+            return np.eye(2), np.zeros((2, 1))
+        return cont2discrete((A, np.array([[0.0], [1.0 / INERTIA]]), np.eye(2), np.zeros((2, 1))), time)[:2]
+
+    def beyond(late: float) -> float:
+        whole = math.floor(late / period)
+        (F, G), (_, new) = held(period), held(period - (late - whole * period))
+        M = np.zeros((3 + whole, 3 + whole))
+        M[:2, :2], M[2, :2] = F, -K
+        acting = [
+            -K @ np.eye(2, 3 + whole),
+            *np.eye(3 + whole)[2:],
+        ]  # the torque of this sample, of the last, ...
+        M[:2] += new @ acting[whole][None] + (G - new) @ acting[whole + 1][None]
+        M[3:, 2:-1] += np.eye(whole)
+        return float(np.abs(np.linalg.eigvals(M)).max() - 1.0)
+
+    margin = own["delay_margin"]
+    steps = np.linspace(0.0, 0.999 * margin, 60)
+    assert all(beyond(delay + x) < 0.0 for x in steps) and beyond(delay + 1.001 * margin) > 0.0
+    wanted = brentq(beyond, delay + 0.99 * margin, delay + 1.01 * margin, xtol=1e-15) - delay
+    assert abs(margin - wanted) < 1e-11 and 0.0 < own["errors"]["delay_margin"] < 1e-10

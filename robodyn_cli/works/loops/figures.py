@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -14,6 +15,7 @@ from robodyn_cli.summaries.control import LoopPole
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.loops import ClosedLoop, LoopErrors, LoopMargins
 from robodyn_cli.works.loops.crossings import circle_candidates, grid
+from robodyn_cli.works.loops.delays import delay_margin
 from robodyn_cli.works.loops.loop import ControlLoop
 from robodyn_cli.works.loops.margins import Margin, StabilityMargins, margins, sensitivity
 from robodyn_cli.works.loops.systems import StateSpace
@@ -30,8 +32,18 @@ def loop_margins(loop: ControlLoop) -> dict[str, LoopMargins]:
     for k, name in enumerate(loop.joints):
         opened = loop.system.closed(but=k)
         others = [other.closed(but=k) for other in loop.neighbours]
-        found[name] = _told(margins(opened, others) if stable else NONE_LEFT)
+        found[name] = _told(_margins(loop, k, opened, others) if stable else NONE_LEFT)
     return found
+
+
+def _margins(loop: ControlLoop, k: int, opened: StateSpace, others: Sequence[StateSpace]) -> StabilityMargins:
+    """Return the margins of the loop opened at input k; under a hold the delay is that of the exact models."""
+    found, period = margins(opened, others), opened.period
+    if period is None:
+        return found
+    with np.errstate(all="ignore"):
+        delay = delay_margin(lambda more: loop.later(k, more), period)
+    return dataclasses.replace(found, delay=delay)
 
 
 def _told(of: StabilityMargins) -> LoopMargins:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from robodyn_cli.solve.closure import rank
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.works.loops.pose import holding
-from robodyn_cli.works.loops.systems import StateSpace, sampled
+from robodyn_cli.works.loops.systems import StateSpace, sampled, sampled_apart
 
 OFF = 1e-9  # of the torques that hold a pose: rounding
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is none of the loop
@@ -42,7 +42,8 @@ class ControlLoop:
     """A loop that is opened at the torques of its joints: u in, what the law gives for it, with the sign turned, out.
 
     names : of its states. law : about the pose. neighbours : loops that are apart by as much as rounding may be.
-    poles, errors : of the closed loop, in 1/s, or of a sampled one per sample.
+    poles, errors : of the closed loop, in 1/s, or of a sampled one per sample. later : of a sampled loop the one opened
+    at an input that comes later by less than a period [s], and its neighbours.
     """
 
     joints: tuple[str, ...]
@@ -53,6 +54,7 @@ class ControlLoop:
     poles: Array
     errors: Array
     standing: Standing
+    later: Callable[[int, float], Iterator[StateSpace]]
 
     @property
     def stability(self) -> str:
@@ -129,9 +131,12 @@ def assembled_loop(
 ) -> ControlLoop:
     """Return the loop of a plant and a law."""
     A, B = linear.A[0], linear.B[0]
-    systems = []
-    for (a, b), near in zip([(A, B), *disturbed(A, B, linear.rounding[0])], [law, *_neighbours(law)]):
-        systems.append(_opened(control, a, b, near))
+    apart = list(zip([(A, B), *disturbed(A, B, linear.rounding[0])], [law, *_neighbours(law)]))
+    systems = [_opened(control, a, b, near) for (a, b), near in apart]
+
+    def later(k: int, delay: float) -> Iterator[StateSpace]:
+        return (_opened(control, a, b, near, (k, delay)).closed(but=k) for (a, b), near in apart)
+
     system, *others = systems
     closed = [one.A - one.B @ one.C for one in systems]
     rounding = np.max([np.abs(x - closed[0]) for x in closed[1:]], axis=0)
@@ -139,7 +144,15 @@ def assembled_loop(
     delayed = control.whole + (control.rest > 0.0) if control.period is not None else 0
     waiting = [f"delayed{k + 1}.{name}" for k in range(delayed) for name in control.joints]
     return ControlLoop(
-        control.joints, (*names, *waiting, *law.names), law, system, tuple(others), poles, errors, standing
+        control.joints,
+        (*names, *waiting, *law.names),
+        law,
+        system,
+        tuple(others),
+        poles,
+        errors,
+        standing,
+        later,
     )
 
 
@@ -155,11 +168,21 @@ def _neighbours(law: LinearLaw) -> list[LinearLaw]:
     ]
 
 
-def _opened(control: Unlimited, A: Array, B: Array, law: LinearLaw) -> StateSpace:
-    """Return L: states of the plant, torques on their way, states of the law."""
+def _opened(
+    control: Unlimited, A: Array, B: Array, law: LinearLaw, more: tuple[int, float] | None = None
+) -> StateSpace:
+    """Return L: states of the plant, torques on their way, states of the law.
+
+    more : an input, and by how much less than a period [s] it comes later than the others.
+    """
     n, s = len(A), len(law.Z)
     if control.period is None:
         full, given = A, B
+    elif more is not None:
+        late = [(control.whole, float(control.rest))] * B.shape[1]
+        carry, rest = divmod(float(control.rest) + more[1], float(control.period))
+        late[more[0]] = (control.whole + int(carry), rest)
+        full, given = sampled_apart(A, B, float(control.period), late)
     else:
         full, given = sampled(A, B, float(control.period), control.whole, float(control.rest))
     size = len(full)

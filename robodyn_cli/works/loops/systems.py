@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -133,4 +134,23 @@ def sampled(A: Array, B: Array, period: float, whole: int, rest: float) -> tuple
     if count:
         given[n : n + m] = np.eye(m)
         full[n + m :, n : n + m * (count - 1)] = np.eye(m * (count - 1))
+    return full, given
+
+
+def sampled_apart(
+    A: Array, B: Array, period: float, late: Sequence[tuple[int, float]]
+) -> tuple[Array, Array]:
+    """Return A and B of a plant under a hold as ``sampled``, each input late by its own periods and rest [s].
+
+    Its states are x, then those of each input on their way.
+    """
+    n = len(A)
+    parts = [sampled(A, B[:, [k]], period, *own) for k, own in enumerate(late)]
+    size = n + sum(len(F) - n for F, _ in parts)
+    full, given, at = np.zeros((size, size)), np.zeros((size, B.shape[1])), n
+    for k, (F, G) in enumerate(parts):
+        own = slice(at, at + len(F) - n)
+        full[:n, :n], full[:n, own], full[own, own] = F[:n, :n], F[:n, n:], F[n:, n:]
+        given[:n, k], given[own, k] = G[:n, 0], G[n:, 0]
+        at = own.stop
     return full, given
