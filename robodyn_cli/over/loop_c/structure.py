@@ -141,7 +141,8 @@ def _candidates(
         try:
             sort = understand(family, name).sort
         except RobodynError as error:
-            left[name] = error.message
+            own = "the scene has no number of its own for this start"
+            left[name] = own if name in starts else error.message
             continue
         if sort in SORTS:
             left[name] = f"it {SORTS[sort]}"
