@@ -36,8 +36,8 @@ class LostRank(Exception):
 class Unbalanced(Exception):
     """The actuators command only ``commanded`` of ``freedom`` degrees of freedom, and the others have a load.
 
-    sample : where the most is left. left : (nv,) of the load there that neither they nor the loops can give, in the
-    least squares.
+    sample : the first with something left. left : (nv,) of the load there that neither they nor the loops can give, in
+    the least squares.
     """
 
     def __init__(self, freedom: int, commanded: int, sample: int, left: Array) -> None:
@@ -169,8 +169,9 @@ class Hold:
         commanded = self.commanded
         # rows that are left out bear as much as they contradict the others
         feasible = FEASIBLE if self.tolerance == RANK else self.tolerance
-        if commanded < freedom and residual > feasible * float(np.abs([*needed.values()]).max(initial=0.0)):
-            sample = int(np.abs(left).max(axis=1).argmax())
+        rounding = feasible * float(np.abs([*needed.values()]).max(initial=0.0))
+        if commanded < freedom and residual > rounding:
+            sample = int((np.abs(left).max(axis=1) > rounding).argmax())
             raise Unbalanced(freedom, commanded, sample, left[sample])
         unique = len(self.columns) <= commanded, self.rank == self.psi.shape[1]
         return Shared(terms, lam, self.N, freedom, commanded, *unique, residual, self.tolerance)

@@ -131,7 +131,7 @@ def test_hdf5_with_our_reader(ran: Ran) -> None:
     samples = len(result.time)
     for path, variable in result.variables.items():
         assert variable.units and variable.long_name, path
-        if variable.dims[0] == "time":
+        if variable.dims[:1] == ("time",):
             assert len(variable.data) == samples, path
     joints = result.variables["qd"].names
     assert joints and all(result.variables[path].names == joints for path in ("qdd", "tau"))

@@ -23,7 +23,7 @@ WEIGHTS = {
     "validate": 12, "plan": 6, "info": 12, "inverse": 16, "kinematics": 12, "statics": 8, "assemble": 8, "reach": 5,
     "linearise": 4, "simulate": 6, "deploy": 3, "size": 1.5, "check": 3, "compare": 3, "export": 3, "import": 3, "new": 1,
     "schema": 0.2, "cache": 0.3, "plot": 0.4, "report": 0.6, "view": 0.4, "animate": 0.2, "run": 1, "sensitivity": 1.2,
-    "sweep": 1.2, "optimise": 0.4, "crosscheck": 1.5, "work-precision": 0.15, "stability": 0.15,
+    "sweep": 1.2, "optimise": 0.4, "crosscheck": 1.5, "work-precision": 0.15, "stability": 0.15, "equations": 1,
 }  # fmt: skip
 READ_SHARE = 10.0 / 11.0  # of cases of both parts
 OUTPUTS = {
@@ -31,7 +31,7 @@ OUTPUTS = {
     "statics": "configuration.{}",
 }  # fmt: skip
 STUDIES = ("sweep", "sensitivity", "optimise")
-OTHERS = ("validate", "plan", "info", "crosscheck", "run", "work-precision", "stability")
+OTHERS = ("validate", "plan", "info", "crosscheck", "run", "work-precision", "stability", "equations")
 # on stored results: their options
 ON_RESULTS = {
     "check": (), "compare": (), "plot": ("--out", "plots"), "report": ("--file", "page.html"), "view": (),

@@ -222,6 +222,8 @@ def _control(kind: str, **keys: Any) -> Feature:
         _driven(draft)
         if kind == "formulas":
             control["joints"] = ["a"]
+        if kind == "pd":
+            draft.section("outputs")["response"] = True
         if kind == "task_pd":
             control["reference"] = MADE["circle"](draft)
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from robodyn_cli.equations.contact_joints import UNBOUNDED
 from robodyn_cli.motion.contact.events import HELD
@@ -98,6 +97,8 @@ class RestingJoints:
         shifted = D * np.outer(scale, scale) + SHIFT * np.eye(len(D))
         root = np.linalg.cholesky(shifted)
         target = -np.linalg.solve(root, self.free * scale)
+        from scipy.optimize import lsq_linear
+
         found = lsq_linear(root.T, target, (self.low / scale, self.high / scale), method="bvls", tol=1e-15)
         torques: Array = found.x * scale
         return torques
