@@ -300,7 +300,7 @@ def test_figures_of_a_controller() -> None:
             "{name: a, type: revolute, axis: [0, 0, 1], limits: {effort: 30}}",
         )
         control = f"control: {{type: pd, joints: [a, b], gains: {{kp: 60, kd: 6}}{period}}}\n"
-        found = simulate(load_scene_text(text + control, overrides=["simulate.samples=401"]))
+        found = simulate(load_scene_text(text + control, overrides=["simulate.samples=4001"]))
         told, t = found.summary["control"], found.time
         wanted = np.column_stack([0.7 * t + np.sin(3.0 * t), np.cos(4.0 * t)])
         np.testing.assert_allclose(found["control/error"], wanted - found["q"], atol=1e-12)
@@ -311,9 +311,9 @@ def test_figures_of_a_controller() -> None:
                 np.sqrt(trapezoid(found["control/error"][:, k] ** 2, t) / 2.0), rel=1e-3
             )
         at = np.abs(found["control/torque"][:, 0]) > 30.0 * (1.0 - 1e-9)
-        assert 2 < at.sum() < 399
-        assert told["saturated"] == {"a": pytest.approx(at.sum() * 0.005, abs=0.01)}
-        power = found["control/torque"] * found["qd"]
+        assert 20 < at.sum() < 3990
+        assert told["saturated"] == {"a": pytest.approx(at.sum() * 5e-4, abs=0.01)}
+        power = found["control/torque"] * found["qd"]  # held torques jump: trapezia miss half a sample at each update
         assert told["energy"]["driving"] == pytest.approx(
             trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
         )
