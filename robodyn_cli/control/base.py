@@ -72,6 +72,11 @@ class Sensors:
         """Whether there is any noise."""
         return any(_any_positive(x) for x in (self.noise, self.rate_noise))
 
+    @property
+    def exact(self) -> bool:
+        """Whether it sees positions and rates as they are at its samples."""
+        return not (self.noisy or self.resolution or self.rates != "measured")
+
 
 def _any_positive(x: Any) -> bool:
     return any(v > 0.0 for v in x.values()) if isinstance(x, dict) else x > 0.0

@@ -23,10 +23,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS
+from robodyn_cli.equations.control.taken_over import taken_over
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import ResultFileError, SceneError, did_you_mean
 from robodyn_cli.foreign import opened
-from robodyn_cli.formulations.system import System
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -169,7 +169,7 @@ CLOSED = 1e-3
 @record
 class Stored:
     """Samples of a stored run: times (T,), q (T, nq), v (T, nv) with the names of their columns, work (T,) if any.
-    control : states of the controller (T, nc), if any.
+    control : states of the controller (T, nc), if any, with their names.
 
     sample : the one to go on from. latched : whether it is of a deployment with latches. events : of that run.
     """
@@ -182,6 +182,7 @@ class Stored:
     v_names: tuple[str, ...]
     work: Array | None
     control: Array | None
+    control_names: tuple[str, ...]
     sample: int
     latched: bool
     events: tuple[Mapping[str, Any], ...]
@@ -240,7 +241,7 @@ class Stored:
             self._refuse_end(motion.scene, closed)
             latches.given = closed
         self._check_loops(motion.problem, q, v)
-        return Beginning(self.time, system.join(q, v, self._further(system)), tuple(told))
+        return Beginning(self.time, system.join(q, v, self._further(motion, q, v, told)), tuple(told))
 
     def _refuse_end(self, scene: Scene, closed: Collection[str]) -> None:
         """Refuse a deployment that waits for what is closed already and does not open."""
@@ -285,19 +286,19 @@ class Stored:
                 closed.pop(event["name"], None)
         return closed
 
-    def _further(self, system: System) -> Array:
+    def _further(self, motion: Motion, q: Array, v: Array, told: list[str]) -> Array:
         """Return the further states: those of the controller, and the work so far, where that is integrated."""
-        controlled = system.further - (1 if system.work_done_by else 0)
-        states = np.zeros(0) if self.control is None else self.control[self.sample]
-        if len(states) != controlled:
-            raise self._refused(
-                f"has {len(states)} states of a controller (control/states); this scene's controller has {controlled}"
-            )
-        if not system.work_done_by:
-            return states
+        row = [] if self.control is None else self.control[self.sample].tolist()
+        try:
+            found = taken_over(motion.problem.control, dict(zip(self.control_names, row)), q, v)
+        except ValueError as error:
+            raise self._refused(str(error)) from None
+        told += found.told
+        if not motion.system.work_done_by:
+            return found.states
         if self.work is None:
             raise self._refused("has no work (energy/work), which this scene's drives or losses do")
-        return np.append(states, self.work[self.sample])
+        return np.append(found.states, self.work[self.sample])
 
     def _check_loops(self, problem: Problem, q: Array, v: Array) -> None:
         constraints = problem.constraints
@@ -355,6 +356,7 @@ def stored_run(scene: Scene) -> Stored:
         v.names,
         None if work is None else work.data,
         None if control is None else control.data,
+        () if control is None else control.names,
         sample,
         "locks" in result.summary,
         tuple(result.events),

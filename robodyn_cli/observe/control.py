@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.equations.control.control import MEASURED, MEASURED_RATES
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.observe.units import unit_text
+from robodyn_cli.observe.units import joint_columns, unit_text
 from robodyn_cli.scene.types import Signal
 from robodyn_cli.spatial.algebra import Array
 
 SIGNALS = "signals"
-GROUPS = ("reference", "error", "torque", "states")
+SEEN = {MEASURED: "q", MEASURED_RATES: "qd"}  # datasets of what a controller sees, and of what it sees there
+GROUPS = ("reference", "error", "torque", *SEEN, "states")
 
 
 def control_outputs(problem: Problem) -> dict[str, Sequence[Scalar]]:
@@ -24,6 +26,7 @@ def control_outputs(problem: Problem) -> dict[str, Sequence[Scalar]]:
         outputs["control.reference"] = [x.wanted for x in tracked]
         outputs["control.error"] = [x.wanted - x.actual for x in tracked]
         outputs["control.torque"] = list(control.torques)
+        outputs |= {f"control.{name}": control.group(name) for name in SEEN}
         outputs["control.states"] = list(control.z)
     outputs[SIGNALS] = signals_of(problem)
     return {name: entries for name, entries in outputs.items() if entries}
@@ -63,6 +66,10 @@ def control_columns(problem: Problem) -> dict[str, dict[str, Any]]:
         columns["control/torque"] = _column(
             "torque of the controller", "driven", control.joints, control.units
         )
+        if control.group(MEASURED):
+            for name, path in SEEN.items():
+                given = joint_columns(problem.model)[path].described()
+                columns[f"control/{name}"] = {**given, "long_name": f"{path} as the controller saw it last"}
         ones = ("1",) * len(control.names)
         columns["control/states"] = _column("states of the controller", "control_state", control.names, ones)
     for name, signal in problem.scene.outputs.signals.items():

@@ -31,6 +31,14 @@ CONTROL = (
     Entry("control/reference", ("time", "tracked"), "rad or m", "what the controller follows"),
     Entry("control/error", ("time", "tracked"), "rad or m", "reference less motion"),
     Entry("control/torque", ("time", "driven"), "N m or N", "torque or force of the controller"),
+    Entry(
+        "control/measured", ("time", "joint"), "rad or m",
+        "positions as the controller saw them last: with noise, rounded, up to a period ago; where it has `sensors`",
+    ),
+    Entry(
+        "control/measured_rates", ("time", "joint"), "rad/s or m/s",
+        "rates as it saw them last, by sensors or by differences; likewise",
+    ),
     Entry("control/states", ("time", "control_state"), "1", "states of the controller"),
     Entry("control/period", (), "s", "sampling period of the controller"),
     Entry("control/delay", (), "s", "time from a sample to the torques that follow from it"),

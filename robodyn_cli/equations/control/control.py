@@ -5,6 +5,7 @@ sampled one (states of the law, held torques, torques on their way, the last mea
 samples, and an update gives all of them anew:
 
     phase 0, at n T:          measure -> law -> limits -> new states; the torques go into the delay line
+                              what sensors give is kept up to the next sample, for results and for differences
     phase 1, at n T + rest:   the oldest of them act, where the delay is no multiple of the period T
 """
 
@@ -34,6 +35,7 @@ NOISE, ASKED = (
     "noise",
     "asked",
 )  # inputs of updates: standard normal numbers, and what a function in Python gave
+MEASURED, MEASURED_RATES = "measured", "measured_rates"  # groups of states: what sensors have given last
 SHORT = 1e-9  # of a period: a delay that differs by less is a multiple of it
 
 
@@ -94,8 +96,9 @@ class Control:
         if self.period is None:
             return []
         names = [f"held.{name}" for name in self.joints]
-        if self.controller.sensors.rates == "differences":
-            names += [f"last.{name}" for name in self.problem.model.q_names]
+        if not self.controller.sensors.exact:
+            names += [f"{MEASURED}.{name}" for name in self.problem.model.q_names]
+            names += [f"{MEASURED_RATES}.{name}" for name in self.problem.model.v_names]
         if self.rest:
             names += [f"waiting.{name}" for name in self.joints]
         return names + [f"delayed{k + 1}.{name}" for k in range(self.whole) for name in self.joints]
@@ -238,7 +241,7 @@ class Control:
             q[place] = self._sensed(p.q[place], name, k)
             noise = _of_joint(sensors.rate_noise, name)
             if sensors.rates == "differences" and period is not None:
-                v[k] = (q[place] - self.group("last")[place]) / period
+                v[k] = (q[place] - self.group(MEASURED)[place]) / period
             elif noise:
                 v[k] = p.v[k] + noise * self._noise(p.model.nv + k)
         return Measured(q, v)
@@ -271,8 +274,8 @@ class Control:
         else:
             due = law.given
         new["waiting" if self.rest else "held"] = due
-        if self.controller.sensors.rates == "differences":
-            new["last"] = self.measured.q
+        if not self.controller.sensors.exact:
+            new |= {MEASURED: self.measured.q, MEASURED_RATES: self.measured.v}
         first = [*law.states, *self._replaced(new)]
         if not self.rest:
             return [first]
@@ -317,7 +320,10 @@ class Control:
     @property
     def last(self) -> list[int]:
         """Numbers of the states that hold the last measurement of all positions, where the law keeps it."""
-        return [k for k, name in enumerate(self.names) if name.startswith("last.") and k >= len(self.own)]
+        if self.controller.sensors.rates != "differences":
+            return []
+        own = len(self.own)
+        return [own + k for k, name in enumerate(self.names[own:]) if name.startswith(f"{MEASURED}.")]
 
     def _inputs(self, q: Array, v: Array, z: Array, p: Array, noise: Array) -> dict[str, Any]:
         p = np.pad(p, (0, 4 * len(v) + len(self.problem.model.parameters)))

@@ -16,6 +16,7 @@ from robodyn_cli.report.style import error_number, labelled, load_label, number,
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height, time_plot
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_error
+from robodyn_cli.spatial.algebra import Array
 
 
 @plot(lambda result: "q" in result and result["q"].shape[1] > 0)
@@ -137,9 +138,11 @@ def tracking(result: Result) -> Any:
     loads = torque.groups()
     panels = 2 * len(groups) + len(loads)
     note = "; those with the largest errors" if len(labels) < len(names) else ""
+    seen = _seen(result)
+    of_sensors = " (grey: by what the controller saw last)" if seen else ""
     sheet = TimeSheet(
         result,
-        f"Motion and reference (broad, pale), error, torque and its limits (thin){note}",
+        f"Motion and reference (broad, pale), error{of_sensors}, torque and its limits (thin){note}",
         "q",
         [*error.nothing, *torque.nothing],
         panels=panels,
@@ -157,6 +160,10 @@ def tracking(result: Result) -> Any:
         handles += sheet.draw(ax, motion.part(columns), styles)
         ax.set_ylabel(f"position [{units}]")
         ax = axes.pop(0)
+        for k in columns:
+            if names[k] in seen:
+                off = finite(result["control/reference"][:, k] - seen[names[k]])
+                ax.plot(*envelope(result.time, off), color=style.GREY, alpha=0.6, linewidth=0.6, zorder=1)
         sheet.draw(ax, error.part(columns), styles)
         ax.axhline(0.0, color=style.GREY, linewidth=0.6)
         ax.set_ylabel(f"error [{units}]")
@@ -164,6 +171,14 @@ def tracking(result: Result) -> Any:
         _torques(axes.pop(0), result, torque, columns, looks, units)
     sheet.finish(handles, labels)
     return sheet.figure
+
+
+def _seen(result: Result) -> dict[str, Array]:
+    """Return positions as the controller saw them last, by coordinate, where it has sensors."""
+    if "control/measured" not in result:
+        return {}
+    measured = result.variables["control/measured"]
+    return dict(zip(measured.names, measured.data.T))
 
 
 def _followed(result: Result) -> tuple[DrawnCurves, DrawnCurves]:

@@ -84,6 +84,7 @@ def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, Mapping[str
         **{f"signals/{name}": {"": unit} for name, unit in signals.items()},
         **{f"control/{kind}": {name: q.get(name, "m") for name in tracked} for kind in ("reference", "error")},
         "control/torque": {name: torques.get(name, "") for name in driven},
+        **_seen(scene, q, rates),
         "forces/potential": dict.fromkeys(elements, "J"), "forces/power": dict.fromkeys(elements, "W"),
         **{f"reactions/{joint.name}": wrench for joint in robot.joints},
         **{f"loop_reactions/{loop.name}": wrench for loop in scene.loops},
@@ -127,6 +128,13 @@ def _controlled(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     point = None if scene.control.reference is None else scene.control.reference.point
     led = () if point is None else tuple(f"{point}.{axis}" for axis in "xyz")
     return (*columns(scene.robot), *led), tuple(scene.control.joints)
+
+
+def _seen(scene: Scene, q: Mapping[str, str], rates: Mapping[str, str]) -> dict[str, Mapping[str, str]]:
+    """Return the units of what a controller sees by name, by dataset, where that is not what is."""
+    if scene.control is None or scene.control.sensors.exact:
+        return {}
+    return {"control/measured": q, "control/measured_rates": rates}
 
 
 def column_of(scene: Scene, key: str) -> str:
