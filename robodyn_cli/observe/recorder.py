@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import PeakLoad
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.held import HeldColumns
 
 KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
 OVERLAP = 12  # samples of loads that are looked at once more with those behind them
@@ -196,10 +199,19 @@ class Recorder:
         """Units and names of the datasets whose columns belong to the scene."""
         return self.observer.describe()
 
+    @functools.cached_property
+    def _held(self) -> dict[str, HeldColumns]:
+        control = self.observer.problem.control
+        if control is None or control.period is None:
+            return {}
+        from robodyn_cli.observe.controllers.held_columns import held_columns
+
+        return held_columns(self.observer.problem, control)
+
     def described(self, path: str) -> dict[str, Any]:
         """Return the arguments of ``Result.add`` beside path and data."""
         column = self.columns.get(path)
-        return {} if column is None else dataclasses.asdict(column)
+        return {} if column is None else {**dataclasses.asdict(column), "held": self._held.get(path)}
 
     def array(self, path: str) -> Array:
         """Return the array collected under ``path``."""

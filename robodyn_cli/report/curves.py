@@ -3,6 +3,7 @@ logarithmic axis, so that lines break there and the lower edge is marked."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.lines import crest, envelope, finite
 from robodyn_cli.report.style import error_number, log_axis, unit
+from robodyn_cli.results.held import HeldColumns
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.spatial.algebra import Array
@@ -30,7 +32,8 @@ class DrawnCurves:
 
     data : (T, n). names, units : of each column. error : (n,) largest one while the motion is meaningful, nan where
     none is stated. size : (n,) largest value of its peers, which have the same unit. nothing : name and largest value
-    of each column that is drawn as zero, else an empty text.
+    of each column that is drawn as zero, else an empty text. held : which columns are constant between updates of a
+    sampled controller.
     """
 
     data: Array
@@ -39,6 +42,13 @@ class DrawnCurves:
     error: Array
     size: Array
     nothing: Sequence[str]
+    held: HeldColumns | None = None
+
+    def lines(self, time: Array) -> list[tuple[Array, Array]]:
+        """Return the corners of the line of each column over samples at times (T,): steps where it is held."""
+        if self.held is None:
+            return [(time, y) for y in self.data.T]
+        return [self.held.line(time, y, k) for k, y in enumerate(self.data.T)]
 
     @property
     def least(self) -> Array:
@@ -54,7 +64,8 @@ class DrawnCurves:
         """Return some of the columns."""
         k = list(columns)
         names, units, nothing = ([x[i] for i in k] for x in (self.names, self.units, self.nothing))
-        return DrawnCurves(self.data[:, k], names, units, self.error[k], self.size[k], nothing)
+        held = self.held and HeldColumns(self.held.period, tuple(self.held.offset[i] for i in k))
+        return DrawnCurves(self.data[:, k], names, units, self.error[k], self.size[k], nothing, held)
 
     def groups(self) -> dict[str, list[int]]:
         """Return the columns of each unit."""
@@ -90,7 +101,8 @@ def curves_of(result: Result, path: str, beside: Mapping[str, float] | None = No
         names, units, data = [path.rpartition("/")[2]], [variable.units], variable.data[:, None]
     else:
         names, units, data = column_names(variable), units_of(variable), variable.data
-    return curves(data, names, units, meaningful_error(result, path), beside)
+    shown = curves(data, names, units, meaningful_error(result, path), beside)
+    return dataclasses.replace(shown, held=variable.held)
 
 
 def nothing_note(nothing: Sequence[str]) -> list[str]:
@@ -106,22 +118,24 @@ def zero_note(*magnitudes: Array) -> str:
     return "; lower edge: zero or rounding" if mixed else ""
 
 
-def draw_columns(ax: Axes, time: Array, data: Array, styles: list[dict[str, Any]] | None = None) -> list[Any]:
-    """Draw the columns of ``data``, shape (T, n), over ``time``; return a legend handle for each."""
-    styles = styles or style.line_styles(data.shape[1])
+def draw_lines(
+    ax: Axes, time: Array, lines: Sequence[tuple[Array, Array]], styles: list[dict[str, Any]] | None = None
+) -> list[Any]:
+    """Draw lines by their corners over the whole ``time`` (T,); return a legend handle for each."""
+    styles = styles or style.line_styles(len(lines))
     if len(time) == 1:
         handles: list[Any] = [
-            ax.plot(time, data[:, column], marker="o", markersize=5, color=look["color"], linestyle="none")[0]
-            for column, look in enumerate(styles)
+            ax.plot(*line, marker="o", markersize=5, color=look["color"], linestyle="none")[0]
+            for line, look in zip(lines, styles)
         ]
         ax.set_xlim(time[0] - 0.5, time[0] + 0.5)
         return handles
     if len(styles) <= style.FEW:
-        handles = [ax.plot(*envelope(time, data[:, column]), **look)[0] for column, look in enumerate(styles)]
+        handles = [ax.plot(*envelope(*line), **look)[0] for line, look in zip(lines, styles)]
     else:
         # A line of its own for each of a hundred columns costs more than all else in the drawing.
         bins = max(200, 8 * 1200 // len(styles))
-        paths = [np.column_stack(envelope(time, data[:, column], bins)) for column in range(len(styles))]
+        paths = [np.column_stack(envelope(*line, bins)) for line in lines]
         ax.add_collection(
             LineCollection(
                 paths,
@@ -143,7 +157,7 @@ def draw_crests(ax: Axes, time: Array, data: Array) -> list[Any]:
     """
     styles = style.line_styles(data.shape[1])
     if len(time) <= 2:
-        return draw_columns(ax, time, data, styles)
+        return draw_lines(ax, time, [(time, y) for y in data.T], styles)
     handles = []
     for values, look in zip(data.T, styles):
         seen = np.where(values > 0.0, values, np.nan)

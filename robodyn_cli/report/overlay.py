@@ -137,12 +137,13 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     for panel, (ax, key) in enumerate(zip(sheet.axes, panels)):
         drawn = [series[key] for series in all_series.values()]
         handles = [
-            ax.plot(*envelope(time, one.data[:, 0]), **look)[0] for (time, one), look in zip(drawn, looks)
+            ax.plot(*envelope(*one.lines(time)[0]), **look)[0] for (time, one), look in zip(drawn, looks)
         ]
         fit_axis(ax, max((one for _, one in drawn), key=lambda one: float(np.ptp(one.data))))
         for (time, one), handle, result in zip(drawn, handles, results.values()):
-            kept = time <= meaningful_until(result.summary)
-            draw_error(ax, time[kept], one.data[kept, 0], float(one.error[0]), handle.get_color())
+            x, y = one.lines(time)[0]
+            kept = x <= meaningful_until(result.summary)
+            draw_error(ax, x[kept], y[kept], float(one.error[0]), handle.get_color())
         ends = [time[[0, -1]] for time, _ in drawn]
         low, high = float(np.min(ends)), float(np.max(ends))
         ax.set_xlim(low, high if high > low else low + 1.0)

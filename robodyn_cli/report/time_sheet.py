@@ -18,9 +18,9 @@ from robodyn_cli.report.canvas import NOTE_WIDTH, Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
     curves_of,
-    draw_columns,
     draw_crests,
     draw_error,
+    draw_lines,
     fit_axis,
     fit_log_axis,
     make_room,
@@ -126,6 +126,17 @@ def sparse_note(result: Result) -> list[str]:
     ]
 
 
+def unseen_note(result: Result, path: str) -> list[str]:
+    """Return the line that says that samples miss values that a sampled controller holds; none where they do not."""
+    held = result.variables[path].held
+    if held is None or not any(held.hides(result.time, k) for k in range(len(held.offset))):
+        return []
+    return [
+        f"Sloping torques are not known: samples are further apart than the controller's period, "
+        f"{number(held.period, 4)} s (simulate.samples)"
+    ]
+
+
 SPARSE_STEPS = 4.0  # of the integrator between two samples
 SPARSE_PART = 0.1  # of the range of a position, which half the intervals between samples miss
 
@@ -181,7 +192,7 @@ class TimeSheet(Sheet):
     def __init__(
         self, result: Result, subtitle: str, shows: str = "", nothing: Sequence[str] = (), **layout: Any
     ) -> None:
-        """Lay out the panels; ``layout`` : fields of ``Panels`` but for ``told`` and ``captions``.
+        """Lay out the panels; ``layout`` : fields of ``Panels`` but for ``captions``.
 
         shows : the dataset, or group of them, whose errors are told; empty where errors are drawn. nothing : what is
         said of columns that are drawn as zero.
@@ -192,6 +203,7 @@ class TimeSheet(Sheet):
         self._errors = [error_words(result, shows)] if shows else []
         captions = [*nothing_note(nothing), *self._errors]
         alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result), *sparse_note(result)]
+        alarms += layout.pop("told", ())
         super().__init__(result, subtitle, labels=labels, captions=captions, told=alarms, **layout)
         self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Any]]] = []
 
@@ -203,7 +215,7 @@ class TimeSheet(Sheet):
         magnitudes: bool = False,
     ) -> list[Any]:
         """Draw curves on a linear axis, with their errors; return a handle for each."""
-        handles = draw_columns(ax, self._result.time, shown.data, styles)
+        handles = draw_lines(ax, self._result.time, shown.lines(self._result.time), styles)
         make_room(ax, shown)
         fit_axis(ax, shown, magnitudes)
         self._drawn.append((ax, self._result.time, shown, [handle.get_color() for handle in handles]))
@@ -220,7 +232,8 @@ class TimeSheet(Sheet):
         """Draw magnitudes in a window of the time on a logarithmic axis between two ends; those without ``styles``
         are noisy, and drawn with their crests."""
         time, data = self._result.time[window], shown.data[window]
-        handles = draw_columns(ax, time, data, styles) if styles else draw_crests(ax, time, data)
+        lines = [(time, y) for y in data.T]
+        handles = draw_lines(ax, time, lines, styles) if styles else draw_crests(ax, time, data)
         colours = [handle.get_color() for handle in handles]
         fit_log_axis(ax, time, data, colours, ends)
         return handles
@@ -245,11 +258,10 @@ class TimeSheet(Sheet):
         """Draw the errors of curves as bands where they can be seen, and say whether they can."""
         until, stated, seen = meaningful_until(self._result.summary), False, False
         for ax, time, shown, colours in self._drawn:
-            kept = time <= until
-            for values, error, colour in zip(shown.data.T, shown.error, colours):
+            for (x, y), error, colour in zip(shown.lines(time), shown.error, colours):
                 if np.isfinite(error):
-                    stated = True
-                    seen |= draw_error(ax, time[kept], values[kept], float(error), colour)
+                    stated, kept = True, x <= until
+                    seen |= draw_error(ax, x[kept], y[kept], float(error), colour)
         if stated and self._errors:
             line = next(note for note in self.notes if note.get_text() == self._errors[0])
             line.set_text(self._errors[0] + (BANDS if seen else UNDER))

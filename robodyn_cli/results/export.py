@@ -101,9 +101,11 @@ def to_pandas(result: Result, table: str | None = None) -> pandas.DataFrame:
 
 def _attributes(variable: Variable) -> dict[str, Any]:
     attributes: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
-    return (
-        {**attributes, "column_units": list(variable.column_units)} if variable.column_units else attributes
-    )
+    if variable.column_units:
+        attributes["column_units"] = list(variable.column_units)
+    if variable.held is not None:
+        attributes |= {"held_period": variable.held.period, "held_offset": list(variable.held.offset)}
+    return attributes
 
 
 def _about(result: Result) -> dict[str, Any]:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray
     from typing_extensions import Unpack
 
+    from robodyn_cli.results.held import HeldColumns
     from robodyn_cli.results.report import Report
     from robodyn_cli.scene.types import Scene
 
@@ -43,7 +44,8 @@ class Variable:
     """An array with what is needed to read it alone.
 
     ``data`` has the time dimension first when ``dims[0] == "time"``; ``names`` label the columns of the
-    last dimension (joints, constraint rows, axes); ``column_units`` are theirs where they differ.
+    last dimension (joints, constraint rows, axes); ``column_units`` are theirs where they differ. ``held`` says which
+    are constant between updates of a sampled controller, and when these are.
     """
 
     data: Array
@@ -52,6 +54,7 @@ class Variable:
     long_name: str
     names: tuple[str, ...] = ()
     column_units: tuple[str, ...] = ()
+    held: HeldColumns | None = None
 
 
 class Meta(TypedDict, total=False):
@@ -62,6 +65,7 @@ class Meta(TypedDict, total=False):
     dims: tuple[str, ...] | None
     names: tuple[str, ...] | list[str]
     column_units: tuple[str, ...]
+    held: HeldColumns | None
 
 
 def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
@@ -86,7 +90,10 @@ def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
         raise ValueError(f"{path}: {array.shape[-1]} columns, but {len(names)} names")
     if column_units and array.shape[-1] != len(column_units):
         raise ValueError(f"{path}: {array.shape[-1]} columns, but {len(column_units)} units of columns")
-    return Variable(array, tuple(dims), units, long_name, tuple(names), tuple(column_units))
+    held = meta.get("held")
+    if held is not None and len(held.offset) != (array.shape[-1] if array.ndim > 1 else 1):
+        raise ValueError(f"{path}: {len(held.offset)} offsets of what is held")
+    return Variable(array, tuple(dims), units, long_name, tuple(names), tuple(column_units), held)
 
 
 @mutable_record

@@ -13,7 +13,7 @@ from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.lines import envelope, finite
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import error_number, labelled, load_label, number, position_word
-from robodyn_cli.report.time_sheet import TimeSheet, panel_height, time_plot
+from robodyn_cli.report.time_sheet import TimeSheet, panel_height, time_plot, unseen_note
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.spatial.algebra import Array
@@ -148,6 +148,7 @@ def tracking(result: Result) -> Any:
         panels=panels,
         height=panel_height(panels),
         labels=labels,
+        told=unseen_note(result, "control/torque"),
     )
     looks = {name: style.dashed_style(i) for i, name in enumerate(_order(names, groups))}
     axes, handles = list(sheet.axes), []
@@ -212,13 +213,11 @@ def _torques(
     ax: Any, result: Result, torque: DrawnCurves, columns: list[int], looks: Looks, units: str
 ) -> None:
     """Draw torques with the limits of joints that have some."""
-    names, data = torque.names, torque.data
-    control = result.summary.get("control") or {}
-    limits = control.get("limits", {})
-    drawn = "steps-post" if "period" in control else "default"  # held between samples
+    names, lines = torque.names, torque.lines(result.time)
+    limits = (result.summary.get("control") or {}).get("limits", {})
     for k in columns:
         look = looks.get(names[k]) or style.dashed_style(k)
-        ax.plot(*envelope(result.time, data[:, k]), **look, linewidth=1.2, drawstyle=drawn)
+        ax.plot(*envelope(*lines[k]), **look, linewidth=1.2)
         if names[k] in limits:
             for side in (-1.0, 1.0):
                 ax.axhline(side * limits[names[k]], **look, linewidth=0.7)

@@ -12,10 +12,11 @@ from robodyn_cli.report.curves import DrawnCurves, curves, curves_of
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near, where_largest
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE, load_label, number, unit
-from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, draw_map, panel_height
+from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, draw_map, panel_height, unseen_note
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.solve.extremes import root_mean_square
+from robodyn_cli.spatial.algebra import Array
 
 RATIO = 8.0  # of the peaks of two torques from which on each has a panel of its own
 
@@ -35,7 +36,7 @@ def torques(result: Result) -> Any:
     shown = whole.part(_working(whole))
     data, names = shown.data, list(shown.names)
     units = [unit(u) for u in shown.units]
-    rms = root_mean_square(result.time, data)[0]
+    rms = _root_mean_squares(shown, result.time)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
     zero = len(whole.names) - len(names)
@@ -56,8 +57,9 @@ def torques(result: Result) -> Any:
     panels = _panels(shown) if few else list(shown.groups().items())
     height = panel_height(len(panels))
     sheet = TimeSheet(
-        result, subtitle, "tau", whole.nothing, panels=len(panels), height=height, labels=labels
-    )
+        result, subtitle, "tau", whole.nothing, panels=len(panels), height=height, labels=labels,
+        told=unseen_note(result, "tau"),
+    )  # fmt: skip
     handles = draw_groups(sheet, shown, [columns for _, columns in panels])
     for ax, (units_here, columns) in zip(sheet.axes, panels):
         for column in [k for k in columns if few and shown.top[k] > 0.0]:
@@ -72,6 +74,16 @@ def torques(result: Result) -> Any:
         ax.set_ylabel(load_label("torque or force", units_here))
     sheet.finish(handles, labels)
     return sheet.figure
+
+
+def _root_mean_squares(shown: DrawnCurves, time: Array) -> Array:
+    """Return the root mean square of each column (n,), of one that is held that of its steps."""
+    rms = root_mean_square(time, shown.data)[0]
+    for k, (x, y) in enumerate(shown.lines(time)):
+        if shown.held is not None and shown.held.is_held(k) and x[-1] > x[0]:
+            squares = (y[:-1] ** 2 + y[:-1] * y[1:] + y[1:] ** 2) / 3.0
+            rms[k] = np.sqrt(np.sum(np.diff(x) * squares) / (x[-1] - x[0]))
+    return np.asarray(rms)
 
 
 def _stated_peak(result: Result, name: str, at_samples: float) -> float:

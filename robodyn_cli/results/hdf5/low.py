@@ -232,6 +232,12 @@ def set_texts(target: Any, name: str, values: Sequence[str]) -> None:
     h5a.create(target, name.encode(), TEXT, h5s.create_simple(cells.shape)).write(cells, mtype=TEXT_IN_MEMORY)
 
 
+def set_numbers(target: Any, name: str, values: Sequence[float]) -> None:
+    """Store an attribute that is a list of floats."""
+    cells = np.array(list(values), dtype="<f8")
+    h5a.create(target, name.encode(), FLOAT, h5s.create_simple(cells.shape)).write(cells)
+
+
 def set_number(target: Any, name: str, value: int | float) -> None:
     """Store a number as an attribute: 64-bit integer or float."""
     if isinstance(value, int):

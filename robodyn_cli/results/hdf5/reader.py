@@ -14,6 +14,7 @@ import numpy as np
 from robodyn_cli.errors import ResultFileError
 from robodyn_cli.foreign import opened, survive
 from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
+from robodyn_cli.results.held import HeldColumns
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 
@@ -204,7 +205,14 @@ def _collect(
                 str(attributes.get("long_name", "")),
                 tuple(str(label) for label in attributes.get("names", ())),
                 tuple(str(unit) for unit in attributes.get("column_units", ())),
+                _held(attributes),
             )
+
+
+def _held(attributes: dict[str, Any]) -> HeldColumns | None:
+    if "held_period" not in attributes:
+        return None
+    return HeldColumns(float(attributes["held_period"]), tuple(float(x) for x in attributes["held_offset"]))
 
 
 def _entries(dataset: Any, load: Loader) -> tuple[str, ...]:

@@ -299,6 +299,9 @@ class ResultWriter:
             self._h5.set_texts(column.dataset, "names", meta.names)
         if meta.column_units:
             self._h5.set_texts(column.dataset, "column_units", meta.column_units)
+        if meta.held is not None:
+            self._h5.set_number(column.dataset, "held_period", meta.held.period)
+            self._h5.set_numbers(column.dataset, "held_offset", meta.held.offset)
 
     def _write_events(self, events: list[Mapping[str, Any]]) -> None:
         core = ("time", "name", "kind")

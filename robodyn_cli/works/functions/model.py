@@ -83,7 +83,7 @@ class ModelFunctions(ThreadSafe):
         if name not in self._functions:
             outputs = entries()
             named = outputs if isinstance(outputs, dict) else {name: outputs}
-            self._functions[name] = StateFunction(problem or self._problem, takes, named, eager=True)
+            self._functions[name] = StateFunction(problem or self._problem, takes, named)
         return self._functions[name]
 
     @one_at_a_time
