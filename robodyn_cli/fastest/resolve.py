@@ -187,7 +187,7 @@ def _torques_of(program: InverseProgram) -> Torques:
         raise CapabilityError("losses of gears depend on the load, so no path can be timed by them")
     timeless(problem)
     if not problem.model.closures:
-        return InverseDynamics(problem)
+        return InverseDynamics(problem, eager=False)
     moves = [row.name for row in problem.constraints.rows if is_nonzero(row.eta_t)]
     if moves:
         raise CapabilityError(

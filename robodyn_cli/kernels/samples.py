@@ -18,7 +18,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.arrays import Array as Rows
-from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.kernels.compiler import compile_module, is_at_hand, machine
 from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import LoadedNumbers, lower
 from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_program
@@ -90,16 +90,21 @@ class SampleKernel:
     shape (n,), or (T, n) where they change a few times: the samples between changes are evaluated piece by piece.
 
     table : numbers of another scene of this structure, which are read in place of the program's own. stepwise : whether
-    a short program is worked off operation by operation, too.
+    a short program is worked off operation by operation, too. eager : whether machine code is taken at once where the
+    cache has it; its last bits may differ from those of the interpreter, so not for what results hold.
     """
 
     compiled = True
     table: Array | None = None
 
     def __init__(
-        self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str], stepwise: bool = False
+        self,
+        outputs: Mapping[str, Sequence[Scalar]],
+        known: Sequence[str],
+        stepwise: bool = False,
+        eager: bool = False,
     ) -> None:
-        self.program, self._stepwise = make_program(dict(outputs), known), stepwise
+        self.program, self._stepwise, self._eager = make_program(dict(outputs), known), stepwise, eager
         self.lanes = machine().lanes
         self._seen = 0  # samples so far
 
@@ -117,16 +122,21 @@ class SampleKernel:
         """The machine code, made when it is first needed: ``program`` alone needs no compiler."""
         host = machine()
         compiled = compile_module(
-            f"samples {host.lanes} {self.program.digest}",
-            lambda: write_sample_kernel(self.program, host.lanes, host.fused),
+            self._key, lambda: write_sample_kernel(self.program, host.lanes, host.fused)
         )
         count = len(self.program.inputs) + len(self.program.outputs) + 1
         return compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
+
+    @property
+    def _key(self) -> str:
+        return f"samples {machine().lanes} {self.program.digest}"
 
     @cached_property
     def _interpreted(self) -> InterpretedSamples | None:
         """The program as data; None for a program that is compiled at once."""
         if self.program.operations <= LONG and not self._stepwise:
+            return None
+        if self._eager and is_at_hand(self._key):
             return None
         from robodyn_cli.kernels.bytecode import InterpretedSamples
 

@@ -165,19 +165,13 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     recorder, steps, options = run.recorder, run.driver.counters.steps, run.motion.options
     if not recorder.samples:
         return None
-    time = recorder.array("time")
-    total = recorder.array("energy/total")
-    kinetic, potential = recorder.array("energy/kinetic"), recorder.array("energy/potential")
+    time, kinetic = recorder.array("time"), recorder.array("energy/kinetic")
     work = recorder.array("energy/work") if "energy/work" in recorder.blocks else np.zeros(len(time))
-    drift = np.abs(total - work - (total[0] - work[0]))
-    # energies have no zero: what counts is how far they range so far
-    exchanged = np.maximum.accumulate(
-        kinetic + np.abs(potential - potential[0]) + np.abs(work - work[0]) + np.abs(potential).max() * EPS
+    course = EnergyCourse(
+        kinetic, recorder.array("energy/potential"), work, recorder.array("q"), recorder.array("qd")
     )
-    rtol = options.rtol if options.step is None else STEADY
-    allowed = allowed_drift(exchanged, np.abs(potential).max(), steps, rtol)
-    least = options.atol + sum(watcher.rounding for watcher in run.motion.watchers)
-    allowed = np.maximum(allowed, BEYOND * least * _sensitivity(recorder, exchanged))
+    rounding = sum(watcher.rounding for watcher in run.motion.watchers)
+    drift, allowed = course.drift, course.allowed(steps, options, rounding)
     beyond = np.flatnonzero(drift > allowed)
     if not len(beyond):
         return None
@@ -199,14 +193,43 @@ def allowed_drift(exchanged: Any, level: Any, steps: Any, rtol: float) -> Any:
     return BEYOND * np.maximum(rtol * np.maximum(1.0, steps / MANY) * exchanged, rounding)
 
 
-def _sensitivity(recorder: Recorder, exchanged: Array) -> Array:
-    """Return how much energy an error of one unit in each coordinate and rate stands for, roughly [J] (T,)."""
-    q, v = recorder.array("q"), recorder.array("qd")
-    fastest = np.maximum.accumulate(np.abs(v).max(axis=1, initial=0.0))
-    moved = np.maximum.accumulate(np.abs(q - q[0]).max(axis=1, initial=0.0))
-    small = 1e-12
-    energies: Array = exchanged * (2.0 / np.maximum(fastest, small) + 1.0 / np.maximum(moved, small))
-    return energies
+@record
+class EnergyCourse:
+    """Energies and the work that was done [J] over samples (T,), coordinates and rates there (T, n); runs side by
+    side have (T, N) and (T, N, n)."""
+
+    kinetic: Array
+    potential: Array
+    work: Array
+    q: Array
+    v: Array
+
+    @property
+    def drift(self) -> Array:
+        """By how much the balance is off [J]."""
+        total = self.kinetic + self.potential
+        off: Array = np.abs(total - self.work - (total[0] - self.work[0]))
+        return off
+
+    def allowed(self, steps: Any, options: Options, rounding: float) -> Array:
+        """Return by how much it may be off [J]; rounding : what is left in the rates beside ``atol``."""
+        level, risen = np.abs(self.potential).max(axis=0), np.abs(self.potential - self.potential[0])
+        # energies have no zero: what counts is how far they range so far
+        exchanged = np.maximum.accumulate(
+            self.kinetic + risen + np.abs(self.work - self.work[0]) + level * EPS
+        )
+        rtol = options.rtol if options.step is None else STEADY
+        least = BEYOND * (options.atol + rounding) * self._sensitivity(exchanged)
+        allowed: Array = np.maximum(allowed_drift(exchanged, level, steps, rtol), least)
+        return allowed
+
+    def _sensitivity(self, exchanged: Array) -> Array:
+        """Return how much energy an error of one unit in each coordinate and rate stands for, roughly [J]."""
+        fastest = np.maximum.accumulate(np.abs(self.v).max(axis=-1, initial=0.0))
+        moved = np.maximum.accumulate(np.abs(self.q - self.q[0]).max(axis=-1, initial=0.0))
+        small = 1e-12
+        energies: Array = exchanged * (2.0 / np.maximum(fastest, small) + 1.0 / np.maximum(moved, small))
+        return energies
 
 
 def shortened_steps(run: Run) -> list[str]:

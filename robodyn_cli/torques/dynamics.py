@@ -115,7 +115,8 @@ class StateFunction:
 
     Parameters
     ----------
-    names : what it takes, of ``q``, ``qd``, ``qdd`` and ``tau``. outputs : arrays of expressions, of any shape.
+    names : what it takes, of ``q``, ``qd``, ``qdd`` and ``tau``. outputs : arrays of expressions, of any shape. eager :
+    see ``SampleKernel``.
 
     Calling it takes arrays (T, n), or (n,) for one state, and returns {output: (T, *shape)}, or {output: shape}.
     Results are column-ordered: the samples of each entry lie next to each other. Arrays with ``order="F"`` do too,
@@ -126,7 +127,9 @@ class StateFunction:
     CapabilityError : the outputs depend on time. SceneError : on data that the scene does not give.
     """
 
-    def __init__(self, problem: Problem, names: Sequence[str], outputs: Mapping[str, Any]) -> None:
+    def __init__(
+        self, problem: Problem, names: Sequence[str], outputs: Mapping[str, Any], eager: bool = False
+    ) -> None:
         from robodyn_cli.kernels.samples import SampleKernel
 
         entries = {name: np.asarray(array, dtype=object) for name, array in outputs.items()}
@@ -138,7 +141,9 @@ class StateFunction:
         self.shapes = {name: array.shape for name, array in entries.items()}
         known = [GROUPS[name] for name in names]
         # a program for each: compiling takes more than twice as long for one that is twice as long
-        self.kernels = {name: SampleKernel({OUT: list(a.flat)}, known) for name, a in entries.items()}
+        self.kernels = {
+            name: SampleKernel({OUT: list(a.flat)}, known, eager=eager) for name, a in entries.items()
+        }
 
     def __call__(self, *arrays: Any) -> dict[str, Array]:
         rows, one = self.arguments.rows(arrays)
@@ -222,11 +227,11 @@ Samples = Callable[[Array, Array, Array], Array]
 class _Unrolled:
     """One expression graph as straight-line code; the third array of samples is symbol group ``group``."""
 
-    def __init__(self, entries: Any, group: str) -> None:
+    def __init__(self, entries: Any, group: str, eager: bool) -> None:
         from robodyn_cli.kernels.samples import SampleKernel
 
         self.group = group
-        self.kernel = SampleKernel({"out": list(entries)}, ("q", "v", group))
+        self.kernel = SampleKernel({"out": list(entries)}, ("q", "v", group), eager=eager)
         self.operations = self.kernel.program.operations
 
     def __call__(self, q: Array, qd: Array, x: Array) -> Array:
@@ -281,17 +286,19 @@ class InverseDynamics(_Samples):
 
     Short chains become straight-line code, long ones a loop over their bodies (attribute ``shape``:
     ``unrolled`` or ``rolled``; attribute ``code``: the program, or the tables of the loop).
+
+    eager : see ``SampleKernel``.
     """
 
     names = ("q", "qd", "qdd")
 
-    def __init__(self, source: sc.Scene | Model | Problem) -> None:
+    def __init__(self, source: sc.Scene | Model | Problem, eager: bool = True) -> None:
         problem = open_problem(source, "inverse dynamics")
         self._open(problem)
-        self.shape, self._call, self.operations, self.code = self._compile(problem)
+        self.shape, self._call, self.operations, self.code = self._compile(problem, eager)
 
     @staticmethod
-    def _compile(problem: Problem) -> tuple[str, Samples, int, Program | RolledPlan]:
+    def _compile(problem: Problem, eager: bool) -> tuple[str, Samples, int, Program | RolledPlan]:
         if prefer_rolled(problem.model):
             from robodyn_cli.kernels.rolled.kernels import RolledInverseDynamics
 
@@ -304,7 +311,7 @@ class InverseDynamics(_Samples):
             operations = rigid.plan.operations + forces.operations
             call = lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd)  # noqa: E731
             return "rolled", call, operations, rigid.plan
-        unrolled = _Unrolled(needed_torques(problem), "a")
+        unrolled = _Unrolled(needed_torques(problem), "a", eager)
         return "unrolled", unrolled, unrolled.operations, unrolled.kernel.program
 
     def __call__(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -340,7 +347,7 @@ class ForwardDynamics(_Samples):
             f[k] = symbol
         for term in timeless(problem):
             f = f + term
-        unrolled = _Unrolled(problem.free_accelerations(f - problem.bias), "tau")
+        unrolled = _Unrolled(problem.free_accelerations(f - problem.bias), "tau", eager=True)
         return "unrolled", unrolled, unrolled.operations
 
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:

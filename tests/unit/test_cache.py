@@ -316,3 +316,29 @@ def test_another_processor_does_not_use_it_either(
     monkeypatch.setattr(compiler, "machine", lambda: host)
     compiler.compile_module("key", lambda: "define void @f() {\n ret void\n}")
     assert len(set(keys)) == 3
+
+
+def test_what_python_calls_takes_cached_code_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What results hold does not depend on the cache: there the interpreter goes on until enough samples are seen."""
+    monkeypatch.setenv("ROBODYN_CACHE", str(tmp_path))
+    q = Graph().symbols(["a", "b"], "q")
+    long = q[0]
+    for _ in range(300):
+        long = f.sin(long * q[1])
+    kernels = [SampleKernel({"r": [long]}, ("q",), eager=eager) for eager in (False, True, True)]
+    samples = np.random.default_rng(1).uniform(0.5, 1.5, (20, 2))
+    cold = kernels[1](q=samples)["r"]
+    assert kernels[1]._interpreted is not None and "_compiled" not in vars(kernels[1])
+    assert kernels[1]._compiled and list(tmp_path.glob("*.o"))
+    plain, warm = (kernels[k](q=samples)["r"] for k in (0, 2))
+    assert "_compiled" not in vars(kernels[0]) and "_compiled" in vars(kernels[2])
+    np.testing.assert_array_equal(plain, cold)
+    np.testing.assert_allclose(warm, cold, rtol=1e-12)
+
+
+def test_the_stack_of_every_function_is_aligned_for_vectors() -> None:
+    from robodyn_cli.integrators.stepping.lanes import write_many
+
+    text = write_many()
+    heads = [line for line in compiler.aligned(text).splitlines() if line.startswith("define")]
+    assert len(heads) == text.count("define ") and all("alignstack(64)" in head for head in heads)

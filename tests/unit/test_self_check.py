@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
-from robodyn_cli import load_scene, simulate
+from robodyn_cli import Mechanism, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.motion import self_check
 from tests.cli.tool import run
@@ -75,3 +78,30 @@ def test_strict_tells_all_warnings(tmp_path) -> None:  # type: ignore[no-untyped
     for joint in ("theta1", "theta2"):
         assert f"joint '{joint}' is beyond its effort limit" in done.data["error"]["message"], done.data
     assert done.data["error"]["kind"] == "StrictError" and done.data["joints"]
+
+
+SWING = """
+schema: 1
+command: simulate
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: swing, type: revolute, axis: [0, 0, 1]}]
+  links: [{name: rod, mass: 2.0, com: [0.5, 0, 0], inertia: {zz: 0.1}}]
+initial: {q: {swing: -20 deg}}
+simulate: {duration: 1, samples: 2, integrator: dop853, rtol: 1e-5, atol: 1e-5, error_estimate: false}
+"""
+
+
+def test_runs_that_are_back_at_their_start_are_judged_along_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a whole period nothing is exchanged between start and end, while the tolerance explains a drift."""
+    a, b = 1.0, math.cos(math.radians(70.0) / 2.0)  # the period by the arithmetic-geometric mean
+    for _ in range(6):
+        a, b = (a + b) / 2.0, math.sqrt(a * b)
+    period = 2.0 * math.pi / a * math.sqrt((0.1 + 2.0 * 0.25) / (2.0 * 9.81 * 0.5))
+    mechanism = Mechanism(load_scene_text(SWING), ["simulate.duration"])
+    ends = period * np.array([[0.5], [1.0], [1.0 + 1e-7], [2.0], [3.0]])
+    found = mechanism.simulate_many(ends)
+    assert found.ok.all() and not found.one_by_one.any()
+    np.testing.assert_allclose(found.q[1:, 0], math.radians(-20.0), atol=1e-3)
+    monkeypatch.setattr(self_check, "BEYOND", 1e-9)
+    assert (mechanism.simulate_many(ends).code == 3).all()

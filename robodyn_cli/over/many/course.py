@@ -24,10 +24,10 @@ from robodyn_cli.integrators.runtime.options import JUDGED, Grid, stride_of
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.motion.error import Courses, First, Masks, difference, remainder
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.self_check import EPS, is_judged_by_energy
+from robodyn_cli.motion.self_check import EPS
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.command import error_of, number_of
-from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, keeps_energy, second_runs
+from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, second_runs, trust
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.checks.columns import asking
@@ -88,11 +88,11 @@ def integrate(
     simulate = structure.motion.scene.simulate
     if not simulate.error_estimate:
         runs = first_run(batch, method, Sampling(samples))
-        return Driven(runs, _trusted(batch, runs)), CourseErrors.unknown(runs.y.shape)
+        return Driven(runs, trust(batch, runs, method)), CourseErrors.unknown(runs.y.shape)
     whole = samples or (max(simulate.samples - 1, 1) if course else 0)
     sampling, wanted, judged = samplings(batch, method, whole)
     runs = first_run(batch, method, sampling)
-    trusted, errors = _trusted(batch, runs), CourseErrors.unknown(runs.y.shape)
+    trusted, errors = trust(batch, runs, method), CourseErrors.unknown(runs.y.shape)
     if course:
         trusted &= structure.observed_alike(batch.numbers)
     if len(rows := np.flatnonzero(trusted)):
@@ -235,14 +235,6 @@ def samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, sli
 
 def _arrived(runs: Runs) -> Masks:
     return runs.arrived
-
-
-def _trusted(batch: RunBatch, runs: Runs) -> Masks:
-    """Tell which runs came to their end, and look as they should."""
-    trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
-    if is_judged_by_energy(batch.structure.motion):
-        trusted &= keeps_energy(batch, runs.y, runs.steps)
-    return trusted
 
 
 # -- between samples ------------------------------------------------------------------------------------

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integration_methods import DEFAULT, STIFF
-from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
+from robodyn_cli.integrators.runtime.fleet import FEW, NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.motion.conditioning import closing_steps
 from robodyn_cli.motion.error import Attempt, First, Masks, integrate_again
 from robodyn_cli.motion.method import compare
-from robodyn_cli.motion.self_check import EPS, allowed_drift
+from robodyn_cli.motion.self_check import EPS, EnergyCourse, allowed_drift, is_judged_by_energy
 from robodyn_cli.motion.stiffness import COST, FIRST_LOOK, MOST, WORTH, largest_decays
 from robodyn_cli.over.many.groups import table_rows
 from robodyn_cli.over.many.start import Starts, starts_of
@@ -33,6 +33,7 @@ from robodyn_cli.spatial.algebra import Array
 
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
 FINER_SAMPLES = 4000, 32000  # of a run, between which Psi is followed
+LOOKED_AT = 2 * FEW  # samples of a run by which its energy is judged: not by steps in lanes, which end at few
 CURVED = 1.5  # times the distance of two samples of Psi is at least the way between them
 
 
@@ -274,31 +275,59 @@ def second_runs(
     return second, done
 
 
+def trust(batch: RunBatch, runs: Runs, method: str) -> Masks:
+    """Tell which runs came to their end, and look as they should."""
+    trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
+    if is_judged_by_energy(batch.structure.motion):
+        kept = keeps_energy(batch, runs.y, runs.steps)
+        if len(rows := np.flatnonzero(trusted & ~kept)):
+            kept[rows] = keeps_energy_along(batch.part(rows), method)
+        trusted &= kept
+    return trusted
+
+
 def keeps_energy(batch: RunBatch, y: Array, steps: NDArray[np.int64], p: Array | None = None) -> Masks:
     """Tell in which runs the energy at the end is that at the start and the work, as far as tolerances explain.
 
-    A stricter form of ``energy_out_of_balance``, which looks at samples: what it refuses, ``simulate`` judges.
+    A stricter form of ``energy_out_of_balance``, which looks at samples: what it refuses, that judges.
 
     Parameters
     ----------
     y : states (N, nx) at the ends. p : parameters (N, np) there, where they change.
     """
-    structure, numbers = batch.structure, batch.numbers
-    system = structure.motion.system
-
-    def energies(t: Any, x: Array, p: Any) -> Array:
-        q, v, _ = system.split(x)
-        groups = {"t": [t], "q": q.T, "v": v.T, "p": p}
-        return numbers.evaluate(structure.energies, groups)
-
-    none = list(system.parameters)
-    (kinetic, potential), (kinetic_end, potential_end) = (
-        energies(t, x, p).T
+    none = list(batch.structure.motion.system.parameters)
+    (kinetic, potential, _), (kinetic_end, potential_end, work) = (
+        _energies(batch, t, x, p)
         for t, x, p in ((0.0, batch.states, none), (batch.ends, y, none if p is None else p.T))
     )
-    work = system.split(y)[2][:, -1] if system.work_done_by else 0.0
     change = kinetic_end - kinetic, potential_end - potential, work
     return balances(change, kinetic + kinetic_end, potential_end, steps, batch.options.rtol)
+
+
+def keeps_energy_along(batch: RunBatch, method: str) -> Masks:
+    """Tell in which runs the energy is in balance at samples along the way, as ``energy_out_of_balance`` does."""
+    motion = batch.structure.motion
+    system, step = motion.system, batch.ends / LOOKED_AT
+    runs = batch.drive(method, batch.options, sampling=Sampling(LOOKED_AT, step))
+    x = np.concatenate([batch.states[None], runs.out.transpose(2, 0, 1)])
+    none = list(system.parameters)
+    energies = [_energies(batch, k * step, states, none) for k, states in enumerate(x)]
+    kinetic, potential, work = (np.array(part) for part in zip(*energies))
+    course = EnergyCourse(kinetic, potential, work, *system.split(x)[:2])
+    rounding = sum(watcher.rounding for watcher in motion.watchers)
+    kept: Masks = runs.arrived & np.all(
+        course.drift <= course.allowed(runs.steps, batch.options, rounding), axis=0
+    )
+    return kept
+
+
+def _energies(batch: RunBatch, t: Any, x: Array, p: Any) -> tuple[Array, Array, Array]:
+    """Return kinetic and potential energy, and the work that was done [J], of runs (N,) at states (N, nx)."""
+    structure = batch.structure
+    q, v, z = structure.motion.system.split(x)
+    groups = {"t": [t], "q": q.T, "v": v.T, "p": p}
+    kinetic, potential = batch.numbers.evaluate(structure.energies, groups).T
+    return kinetic, potential, z[:, -1] if structure.motion.system.work_done_by else np.zeros(len(x))
 
 
 def balances(change: tuple[Any, Any, Any], kinetic: Any, potential: Any, steps: Any, rtol: float) -> Masks:

@@ -127,8 +127,8 @@ class ConstrainedDynamics:
             "eta": np.array(problem.constraints.eta, dtype=object),
             "rate": np.array(problem.constraints.velocity_residual(problem.v), dtype=object),
         }
-        self._gaps = StateFunction(problem, ("q", "qd"), gaps)
-        self._parts = StateFunction(problem, ("q", "qd"), self._residuals.parts)
+        self._gaps = StateFunction(problem, ("q", "qd"), gaps, eager=True)
+        self._parts = StateFunction(problem, ("q", "qd"), self._residuals.parts, eager=True)
         self._slopes: StateFunction | None = None
         self._elimination: Elimination | None = None
 
@@ -169,7 +169,8 @@ class ConstrainedDynamics:
         values = self._values(rows)
         qdd, lam = accelerations(values, rows["tau"], tolerance)
         if self._slopes is None:
-            self._slopes = StateFunction(self.problem, ("q", "qd", "qdd", LAMBDA), self._residuals.slopes)
+            names = ("q", "qd", "qdd", LAMBDA)
+            self._slopes = StateFunction(self.problem, names, self._residuals.slopes, eager=True)
         slopes = self._slopes.evaluate({"q": rows["q"], "qd": rows["qd"], "qdd": qdd, LAMBDA: lam})
         samples, nv = qdd.shape
         unit = np.broadcast_to(identity(nv).astype(float), (samples, nv, nv))

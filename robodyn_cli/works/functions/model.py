@@ -83,7 +83,7 @@ class ModelFunctions(ThreadSafe):
         if name not in self._functions:
             outputs = entries()
             named = outputs if isinstance(outputs, dict) else {name: outputs}
-            self._functions[name] = StateFunction(problem or self._problem, takes, named)
+            self._functions[name] = StateFunction(problem or self._problem, takes, named, eager=True)
         return self._functions[name]
 
     @one_at_a_time
