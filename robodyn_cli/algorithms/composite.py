@@ -14,7 +14,6 @@ from robodyn_cli.spatial.algebra import (
     Values,
     Vector,
     Wrench,
-    columns,
     cross,
     skew,
     zeros,
@@ -37,32 +36,41 @@ def crba(model: Model, q: Values, X: Sequence[Transform] | None = None) -> Matri
     """
     X = transforms(model, q) if X is None else X
     bodies = model.bodies
-    S = [b.joint.S(slice_q(b, q)) for b in bodies]
     Ic = [b.inertia for b in bodies]
-    for i in reversed(range(len(bodies))):
-        parent = bodies[i].parent
-        if parent != BASE:
-            Ic[parent] = Ic[parent] + Ic[i].to_parent(X[i])
+    carried = [Carried() for _ in bodies]
     M = zeros(model.nv, model.nv)
-    for i, body in enumerate(bodies):
-        F = [Ic[i] @ s for s in columns(S[i])]
-        for k, f in enumerate(F):
-            own = f.project(S[i][:, : k + 1])
-            own[k] = own[k] + body.rotors[k]
-            _place(M, body.v + k, body.v, own)
-        j = i
-        while bodies[j].parent != BASE:
-            F = [f.to_parent(X[j]) for f in F]
-            j = bodies[j].parent
-            for k, f in enumerate(F):
-                _place(M, body.v + k, bodies[j].v, f.project(S[j]))
+    for i in reversed(range(len(bodies))):
+        body, S = bodies[i], bodies[i].joint.S(slice_q(bodies[i], q))
+        at, (F,) = carried.pop().with_own(body, Ic[i] @ Twist.of(S))
+        across = F.project(S)
+        for k in reversed(range(body.joint.nv)):
+            M[body.v + k, at] = M[at, body.v + k] = across[k]
+            M[body.v + k, body.v + k] += body.rotors[k]
+        if body.parent != BASE:
+            Ic[body.parent] = Ic[body.parent] + Ic[i].to_parent(X[i])
+            carried[body.parent].add(at, F.to_parent(X[i]))
     return M
 
 
-def _place(M: Matrix, column: int, first: int, entries: Vector) -> None:
-    """Put entries into a column of a symmetric matrix, from row ``first`` on, and into the row of its mirror image."""
-    for row, x in enumerate(entries, start=first):
-        M[row, column] = M[column, row] = x
+class Carried:
+    """Wrenches of one or several kinds that belong to the joints which a body carries, in its coordinates.
+
+    at : their velocity coordinates. groups : the wrenches of each kind, in that order.
+    """
+
+    def __init__(self) -> None:
+        self.at: list[int] = []
+        self.groups: list[tuple[Wrench, ...]] = []
+
+    def add(self, at: Sequence[int], *wrenches: Wrench) -> None:
+        """Add a group of each kind."""
+        self.at += at
+        self.groups.append(wrenches)
+
+    def with_own(self, body: Body, *wrenches: Wrench) -> tuple[list[int], list[Wrench]]:
+        """Return the coordinates and wrenches of each kind, those of the body's own joint the last."""
+        self.add(range(body.v, body.v + body.joint.nv), *wrenches)
+        return self.at, [Wrench.beside(kind) for kind in zip(*self.groups)]
 
 
 @record
@@ -102,7 +110,7 @@ class VelocityInertia:
 
     def transposed(self, s: Twist) -> Wrench:
         """Return B^T s, which is a pure moment."""
-        return Wrench(self.Z.T @ s.w + cross(self.p, s.v), zeros(3))
+        return Wrench(self.Z.T @ s.w + cross(self.p, s.v), zeros(*s.w.shape))
 
 
 def _add_product(Z: Matrix, a: Vector, b: Vector) -> Matrix:
@@ -115,13 +123,12 @@ def _add_product(Z: Matrix, a: Vector, b: Vector) -> Matrix:
     return out
 
 
-def subspace_rate(body: Body, q: Vector, qd: Vector, S: Sequence[Twist], velocity: Twist) -> list[Twist]:
-    """Return the rates of a joint's motion subspace S seen from the base, in body coordinates, column by column.
+def subspace_rate(body: Body, q: Vector, qd: Vector, S: Matrix, velocity: Twist) -> Twist:
+    """Return the rate of a joint's motion subspace S (6, nv) seen from the base, in body coordinates, by columns.
 
     S_rate + v x S (Featherstone 2008, section 2.10).
     """
-    own = columns(body.joint.S_rate(q, qd))
-    return [rate + velocity.cross(s) for rate, s in zip(own, S)]
+    return Twist.of(body.joint.S_rate(q, qd)) + velocity.cross(Twist.of(S))
 
 
 def coriolis(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None) -> Matrix:
@@ -144,22 +151,19 @@ def coriolis(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None 
     velocity = velocities(model, X, q, qd)
     I = [b.inertia for b in bodies]
     B = [VelocityInertia.of_body(b.inertia, velocity[k]) for k, b in enumerate(bodies)]
-    S = [columns(b.joint.S(slice_q(b, q))) for b in bodies]
-    S_dot = [subspace_rate(b, slice_q(b, q), slice_v(b, qd), S[k], velocity[k]) for k, b in enumerate(bodies)]
+    carried = [Carried() for _ in bodies]
     C = zeros(model.nv, model.nv)
-    for k in reversed(range(len(bodies))):
-        body = bodies[k]
-        for j, (s, s_dot) in enumerate(zip(S[k], S_dot[k]), start=body.v):
-            F1, F2, F3 = I[k] @ s_dot + B[k] @ s, I[k] @ s, B[k].transposed(s)
-            i = k
-            while i != BASE:
-                for m, (s_i, s_dot_i) in enumerate(zip(S[i], S_dot[i]), start=bodies[i].v):
-                    C[m, j] = F1.dot(s_i)
-                    if i != k:
-                        C[j, m] = F2.dot(s_dot_i) + F3.dot(s_i)
-                F1, F2, F3 = (F.to_parent(X[i]) for F in (F1, F2, F3))
-                i = bodies[i].parent
+    for i in reversed(range(len(bodies))):
+        body = bodies[i]
+        S = body.joint.S(slice_q(body, q))
+        s, s_dot = Twist.of(S), subspace_rate(body, slice_q(body, q), slice_v(body, qd), S, velocity[i])
+        own = I[i] @ s_dot + B[i] @ s, I[i] @ s, B[i].transposed(s)
+        at, (F1, F2, F3) = carried.pop().with_own(body, *own)
+        rows, others = slice(body.v, body.v + body.joint.nv), len(at) - body.joint.nv
+        C[rows, at] = F1.project(S)
+        C[at[:others], rows] = (F2.project(s_dot.components) + F3.project(S)).T[:others]
         if body.parent != BASE:
-            I[body.parent] = I[body.parent] + I[k].to_parent(X[k])
-            B[body.parent] = B[body.parent] + B[k].to_parent(X[k])
+            I[body.parent] = I[body.parent] + I[i].to_parent(X[i])
+            B[body.parent] = B[body.parent] + B[i].to_parent(X[i])
+            carried[body.parent].add(at, *(F.to_parent(X[i]) for F in (F1, F2, F3)))
     return C

@@ -33,6 +33,7 @@ LEADING_KEYS = (
     "energy_drift",
     "constraint_residual",
 )
+PLAIN = frozenset({float, int, bool, str, type(None)})
 TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 
 
@@ -51,7 +52,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
+        # matrices have a million numbers
+        return list(value) if PLAIN.issuperset(map(type, value)) else [_plain(entry) for entry in value]
     return value
 
 
@@ -72,6 +74,8 @@ def jsonable(value: Any) -> Any:
         return jsonable(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
         items = sorted(value, key=str) if isinstance(value, set | frozenset) else value
+        if {float}.issuperset(map(type, items)) and all(map(math.isfinite, items)):
+            return list(items)
         return [jsonable(item) for item in items]
     if isinstance(value, Path):
         return value.as_posix()

@@ -58,8 +58,13 @@ def identity(n: int = 3) -> Matrix:
 
 
 def cross(a: Sequence[Any] | Vector, b: Sequence[Any] | Vector) -> Vector:
-    """Return a x b."""
-    return vector([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    """Return a x b (3,); of each column (3, n) of the one that has several."""
+    return rows([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def rows(xs: Sequence[Any]) -> Vector | Matrix:
+    """Return a vector of numbers or expressions, or a matrix of such rows."""
+    return np.stack(xs) if len(xs) and isinstance(xs[0], np.ndarray) else vector(xs)
 
 
 def skew(a: Sequence[Any] | Vector) -> Matrix:
@@ -193,6 +198,11 @@ class Twist:
         return Twist(zeros(3), zeros(3))
 
     @staticmethod
+    def of(S: Matrix) -> Twist:
+        """Return the columns of a motion subspace S (6, n) side by side, w and v (3, n)."""
+        return Twist(S[:3], S[3:])
+
+    @staticmethod
     def along(S: Matrix, rates: Vector) -> Twist:
         """Return S qd for a motion subspace S (6, nv), angular rows first, and rates qd (nv,)."""
         return Twist(S[:3] @ rates, S[3:] @ rates)
@@ -228,6 +238,8 @@ class Twist:
 @record
 class Wrench:
     """Force vector: moment n [N m] about the frame's origin and force f [N]; or a momentum, times seconds.
+
+    Several at once stand side by side as the columns of n and f (3, n).
 
     Source: Featherstone (2008), sections 2.3 and 2.8.
     """
@@ -277,7 +289,13 @@ class Wrench:
 
     def project(self, S: Matrix) -> Vector:
         """Return S^T f (nv,), the wrench's part along each column of a motion subspace S (6, nv)."""
-        return vector([self.dot(s) for s in columns(S)])
+        return rows([self.dot(s) for s in columns(S)])
+
+    @staticmethod
+    def beside(wrenches: Sequence[Wrench]) -> Wrench:
+        """Return several wrenches, or groups of them, side by side."""
+        n, f = ([getattr(w, part).reshape(3, -1) for w in wrenches] for part in ("n", "f"))
+        return Wrench(np.concatenate(n, axis=1), np.concatenate(f, axis=1))
 
 
 def columns(S: Matrix) -> list[Twist]:

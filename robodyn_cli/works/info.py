@@ -12,6 +12,7 @@ import numpy as np
 
 from robodyn_cli.algorithms.composite import coriolis, crba
 from robodyn_cli.algorithms.kinematics import world_jacobian, world_pose
+from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Values
@@ -131,8 +132,8 @@ class InfoNumbers:
         bodies = self.bodies()
         X = [Transform(plain(self.array(x.E)), plain(self.array(x.r))) for x in problem.X]
         M = self.array(crba(bodies, self.q, X))
-        terms = problem.rigid_terms()
-        gravity = self.array(terms["gravity"]) if "gravity" in terms else np.zeros(model.nv)
+        g, rest = problem.gravity, [0.0] * model.nv
+        held = rest if g is None else rnea(bodies, self.q, rest, rest, plain(g), X)
         return InfoReport(
             joints=_joints(scene),
             links=_links(scene),
@@ -142,7 +143,7 @@ class InfoNumbers:
             mass_matrix_singular_values=singular_values(M),
             mass_matrix_condition=condition(singular_values(M)),
             coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)).tolist(),
-            gravity_torques=_named(model.v_names, gravity),
+            gravity_torques=_named(model.v_names, self.array(held)),
             frames=self.frames(),
             points=self.points(),
             constraints=self.constraints() if problem.constraints.rows else ABSENT,

@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +16,12 @@ from matplotlib.figure import Figure
 from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, load_scene_text, simulate, statics
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Graph, free_symbols
 from robodyn_cli.report.drawing import paper, symbols
 from robodyn_cli.report.drawing.build import make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.parts import cuboid
-from robodyn_cli.report.drawing.places import along_motion, evenly, motion_between, nearest
+from robodyn_cli.report.drawing.places import KnownNodes, along_motion, evenly, motion_between, nearest
 from robodyn_cli.report.drawing.record import Drawing, mixed
 from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, silhouette, strokes
 from robodyn_cli.results.result import Result
@@ -460,3 +462,16 @@ def test_paths_of_a_ball_joint_stay_at_their_distance_however_far_apart_samples_
         _, peg = paths_of(result)["peg"]
         radius = np.linalg.norm(peg, axis=1)
         assert len(peg) >= least and np.ptp(radius) < 1e-9 * radius.max()
+
+
+def test_known_nodes_are_those_without_other_symbols() -> None:
+    rng, graph = np.random.default_rng(3), Graph()
+    leaves = [graph.symbol(f"{group}{k}", group, k) for group in ("q", "v", "unknown") for k in range(3)]
+    nodes: list[Any] = list(leaves)
+    for _ in range(300):
+        a, b = (nodes[k] for k in rng.integers(len(nodes), size=2))
+        nodes.append(a * b + 1.0 if rng.uniform() < 0.5 else a - 2.0 * b)
+    known = KnownNodes(("q", "v"))
+    for k in rng.permutation(len(nodes)):
+        wanted = all(symbol.value[1] != "unknown" for symbol in free_symbols([nodes[k]]))
+        assert known([nodes[k], 3.0]) is wanted

@@ -313,9 +313,8 @@ def test_figures_of_a_controller() -> None:
         at = np.abs(found["control/torque"][:, 0]) > 30.0 * (1.0 - 1e-9)
         assert 20 < at.sum() < 3990
         assert told["saturated"] == {"a": pytest.approx(at.sum() * 5e-4, abs=0.01)}
-        power = (
-            found["control/torque"] * found["qd"]
-        )  # held torques jump: trapezia miss half a sample at each update
+        # held torques jump: trapezia miss half a sample at each update
+        power = found["control/torque"] * found["qd"]
         assert told["energy"]["driving"] == pytest.approx(
             trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
         )

@@ -13,6 +13,7 @@ from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.spatial import algebra as al
 from robodyn_cli.spatial.algebra import Transform, Twist, Wrench, matrix, vector
+from robodyn_cli.spatial.inertia import RigidInertia
 from tests.dense import motion_transform, star, tilde, twist, velocity_product, wrench
 from tests.numeric import assert_close, real
 from tests.random_models import random_rotation
@@ -266,3 +267,21 @@ def test_expressions_give_the_numbers_and_zeros_stay_numbers(rng: np.random.Gene
         same(expected, np.array(evaluate(list(found.components), inputs)))
     pure = Wrench(symbols[:3], al.zeros(3)).to_parent(X)
     assert pure.f.tolist() == [0.0, 0.0, 0.0], "a pure moment has no force in any frame"
+
+
+def test_wrenches_side_by_side_are_those_of_each(rng: np.random.Generator) -> None:
+    """Forces of a body, their way to the parent and their parts along a subspace, numbers and expressions mixed."""
+    symbols = Graph().symbols([f"x{k}" for k in range(6)], "q")
+    S = matrix(rng.normal(size=(6, 3)).tolist())
+    S[2, 1], S[4, 0] = symbols[0], 0.0
+    inertia = RigidInertia(
+        symbols[1], vector(rng.normal(size=3).tolist()), matrix(rng.normal(size=(3, 3)).tolist())
+    )
+    X = random_transform(rng)
+    own = [inertia @ Twist(S[:3, k], S[3:, k]) for k in range(3)]
+    together = Wrench.beside([inertia @ Twist.of(S[:, :2]), own[2]])
+    for k, one in enumerate(own):
+        for single, every in ((one, together), (one.to_parent(X), together.to_parent(X))):
+            assert [*single.n, *single.f] == [*every.n[:, k], *every.f[:, k]]
+        assert list(one.project(S)) == list(together.project(S)[:, k])
+    assert together.project(S[:, :0]).size == 0

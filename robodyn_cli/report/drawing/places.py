@@ -10,14 +10,14 @@ Forces as arrows: those that act from outside, and recorded reactions of joints 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Interpreter
 from robodyn_cli.model.joints import joint_axes
 from robodyn_cli.model.model import FixedFrame
@@ -31,6 +31,31 @@ KNOWN = ("t", "q", "v")  # groups of symbols that a result has values of
 DIGITS = 9  # after the point by which places on a body are told apart [m]
 
 
+class KnownNodes:
+    """Tell of one expression after another whether all its symbols are of known groups; looks at no node twice."""
+
+    def __init__(self, groups: Iterable[str]) -> None:
+        self.groups = frozenset(groups)
+        self._known: dict[Expr, bool] = {}
+
+    def __call__(self, outputs: Iterable[Scalar]) -> bool:
+        """Tell whether every symbol that the outputs depend on is of a known group."""
+        return all(self._is_known(e) for e in outputs if isinstance(e, Expr))
+
+    def _is_known(self, output: Expr) -> bool:
+        known, stack = self._known, [output]
+        while stack:
+            node = stack[-1]
+            waiting = [a for a in node.args if a not in known]
+            if waiting:
+                stack += waiting
+                continue
+            known[stack.pop()] = (
+                node.value[1] in self.groups if node.op == "sym" else all(map(known.get, node.args))
+            )
+        return known[output]
+
+
 class DrawnExpressions:
     """Vertices, axes and forces in the world, as expressions of t, q and v. The same place has one number.
 
@@ -41,6 +66,7 @@ class DrawnExpressions:
         self.problem = problem
         self._vertices: dict[tuple[Any, ...], int] = {}
         self._axes: dict[tuple[Any, ...], int] = {}
+        self._known = KnownNodes(KNOWN)
         self.entries: dict[str, list[Vector]] = {"vertices": [], "axes": [], "forces": []}
 
     def vertex(self, body: int, p: Vector) -> int | None:
@@ -76,7 +102,7 @@ class DrawnExpressions:
         return table[key]
 
     def _store(self, kind: str, entry: Vector) -> int | None:
-        if any(symbol.value[1] not in KNOWN for symbol in free_symbols(list(entry))):
+        if not self._known(entry):
             return None
         self.entries[kind].append(entry)
         return len(self.entries[kind]) - 1
