@@ -65,6 +65,17 @@ class LargestGrowth:
 
 
 @record
+class DiscreteModel:
+    """The model from sample to sample under inputs that are held: ``/discrete`` of the result."""
+
+    period: float = fact("of the samples", "s")
+    delay: float = fact("from a sample until its inputs act", "s")
+    states: list[LinearSignal] = fact(
+        "of the columns and rows of its A: those of the model, then inputs on their way"
+    )
+
+
+@record
 class LinearSummary:
     """The summary of ``linearise``."""
 
@@ -90,6 +101,7 @@ class LinearSummary:
     modes: list[Mode] | Absent = fact("of the system, slowest first; not along a motion")
     growth: LargestGrowth | Absent = fact("along a motion: the pole farthest to the right")
     instants: list[LinearInstant] | Absent = fact("with `--instants`: samples along the motion")
+    discrete: DiscreteModel | Absent = fact("with a period: the model under a hold; not along a motion")
     warnings: list[str] | Absent = fact("what a reader of the linear system should know; printed too")
 
 

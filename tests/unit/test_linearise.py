@@ -432,7 +432,7 @@ def test_what_has_no_linear_model() -> None:
 def test_an_axis_of_phases_has_numbers_that_can_be_read(low: float, high: float) -> None:
     ax = Figure().add_subplot()
     ax.plot([0, 1], [low, high])
-    number_phases(ax)
+    number_phases(ax.yaxis)
     bottom, top = ax.get_ylim()
     ticks = [x for x in ax.get_yticks() if bottom <= x <= top]
     assert bottom <= low and high <= top and 3 <= len(ticks) <= 7

@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 from scipy.signal import cont2discrete
 
 from robodyn_cli import linearise, load_scene, simulate
+from robodyn_cli.cli.commands.linearise import describe
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import parse_expectation
 from robodyn_cli.over.batch.criteria import judge
@@ -346,6 +347,14 @@ def test_where_the_loop_is_taken() -> None:
         linearise(load_scene(CONFIGS / "double_pendulum.yaml"), delay=0.1)
     plain = linearise(load_scene(CONFIGS / "double_pendulum.yaml"), period=0.1, delay=0.05)
     assert plain["discrete/A"].shape == (6, 6) and "loop" not in plain.summary
+    own = plain.summary["discrete"]
+    assert (own["period"], own["delay"]) == (0.1, 0.05)
+    assert [x["name"] for x in own["states"]] == list(plain.variables["discrete/A"].names)
+    told = next(line for line in describe(plain.summary).split("\n") if "/discrete" in line)
+    assert "0.1 s, 0.05 s late" in told and "2 of its 6 states are inputs on their way" in told
+    assert "/discrete" not in describe(linearise(load_scene(CONFIGS / "double_pendulum.yaml")).summary)
+    # what the plant does alone is no word about the loop
+    assert "without control    unstable" in describe(end) and "  stability" not in describe(end)
 
 
 def test_the_whole_loop_of_several_inputs() -> None:

@@ -201,7 +201,20 @@ def describe(summary: Mapping[str, Any]) -> str:
         for instant in summary.get("instants", ()):
             lines += _modes(instant, f" at {number(instant['time'])} s")
         return "\n".join(lines)
-    return "\n".join([*lines, *_modes(summary), *_loop(summary)])
+    return "\n".join([*lines, *_modes(summary), *_discrete(summary), *_loop(summary)])
+
+
+def _discrete(summary: Mapping[str, Any]) -> list[str]:
+    """Return the line of the model under a hold, where there is one."""
+    if "discrete" not in summary:
+        return []
+    model = summary["discrete"]
+    late = f", {number(model['delay'])} s late" if model["delay"] else ""
+    waiting = len(model["states"]) - len(summary["states"])
+    kept = f"; {waiting} of its {len(model['states'])} states are inputs on their way" if waiting else ""
+    return [
+        f"  discrete model     inputs held for {number(model['period'])} s{late}: /discrete of the result{kept}"
+    ]
 
 
 def _loop(summary: Mapping[str, Any]) -> list[str]:
@@ -218,7 +231,9 @@ def _modes(of: Mapping[str, Any], when: str = "") -> list[str]:
     rows = [["pole 1/s", "error", "frequency Hz", "damping", "decay s"], *map(_row, of["modes"])]
     moves = ["moves", *map(_moves, of["modes"])]
     lines = [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
-    return [f"  stability{when:<10} {_stability(of)}", "  modes, slowest first:", *lines]
+    # with a controller these are poles of what it drives
+    head = "  without control    " if "closed_loop" in of else f"  stability{when:<10} "
+    return [f"{head}{_stability(of)}", "  modes, slowest first:", *lines]
 
 
 def _stability(of: Mapping[str, Any]) -> str:

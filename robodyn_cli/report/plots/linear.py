@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 
 from robodyn_cli.record import record
 from robodyn_cli.report.analysis import powers, titled
@@ -132,7 +133,7 @@ def frequency_response(result: Result) -> Any:
     gain.set_yscale("log")
     powers(gain, "y")
     gain.set_ylabel("gain")
-    number_phases(phase)
+    number_phases(phase.yaxis)
     phase.set_ylabel("phase [deg]")
     phase.set_xlabel("frequency [Hz]")
     for ax in (gain, phase):
@@ -159,16 +160,16 @@ def _modes(ax: Axes, result: Result) -> None:
             ax.axvline(mode["frequency"], color=GREY, linewidth=0.7, linestyle=":")
 
 
-def number_phases(ax: Axes) -> None:
+def number_phases(axis: Axis) -> None:
     """Number an axis of phases with parts and multiples of a right angle, three at least."""
     from matplotlib.ticker import MultipleLocator
 
-    low, high = ax.get_ylim()
+    low, high = axis.get_view_interval()
     beyond = max(0.0, LEAST_PHASE - (high - low)) / 2.0
-    ax.set_ylim(low - beyond, high + beyond)
+    axis.set_view_interval(low - beyond, high + beyond, ignore=True)
     span = max(high - low, LEAST_PHASE)
     turns = STEPS[-1] * math.ceil(span / (MOST_STEPS * STEPS[-1]))
-    ax.yaxis.set_major_locator(MultipleLocator(next((x for x in STEPS if span <= MOST_STEPS * x), turns)))
+    axis.set_major_locator(MultipleLocator(next((x for x in STEPS if span <= MOST_STEPS * x), turns)))
 
 
 def _responses(result: Result) -> Array:

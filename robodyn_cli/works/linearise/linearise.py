@@ -186,10 +186,11 @@ def linearise(
     add_responses(result, systems, samples, [mode for each in modes for mode in each])
     if not systems.along:
         add_poses(result, given, modes[0])
-    add_sampled(result, systems, sampling_of(scene, of.get("period"), of.get("delay")))
+    discrete = add_sampled(result, systems, sampling_of(scene, of.get("period"), of.get("delay")))
     with watch.stage("margins"):
         records = [] if loop is None else [add_closed_loop(result, scene, given, loop)]
-    result.summarise(_summary(result, systems, samples, modes), *records, seconds=watch.report())
+    summary = dataclasses.replace(_summary(result, systems, samples, modes), discrete=discrete or ABSENT)
+    result.summarise(summary, *records, seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -292,6 +293,7 @@ def _summary(
         modes=modes[0] if one else ABSENT,
         growth=ABSENT if one else LargestGrowth(float(growth[k]), float(states.times[k])),
         instants=chosen or ABSENT,
+        discrete=ABSENT,
         warnings=(_warnings(given, linear, modes[0], acceleration) if one else []) or ABSENT,
     )
 

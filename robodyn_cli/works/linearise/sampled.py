@@ -14,7 +14,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.linear import LoopKeys
+from robodyn_cli.summaries.linear import DiscreteModel, LinearSignal, LoopKeys
 from robodyn_cli.works.linearise.nominal import Nominal, input_signals, state_signals
 from robodyn_cli.works.linearise.systems import OF_ROW, Systems
 from robodyn_cli.works.loops.figures import add_loop, closed_loop, loop_margins
@@ -77,11 +77,12 @@ def sampling_of(scene: Scene, period: float | None = None, delay: float | None =
     return HoldTimes(period, whole, rest if rest > SHORT * period else 0.0)
 
 
-def add_sampled(result: Result, systems: Systems, sampling: HoldTimes | None) -> None:
-    """Store the sampled model of a state: its states are x, then the inputs on their way, the last one first."""
+def add_sampled(result: Result, systems: Systems, sampling: HoldTimes | None) -> DiscreteModel | None:
+    """Store the sampled model of a state, and return what it is: its states are x, then the inputs on their way, the
+    last one first."""
     given, linear = systems.given, systems.linear
     if sampling is None or systems.along or not given.inputs:
-        return
+        return None
     A, B = sampled(linear.A[0], linear.B[0], sampling.period, sampling.whole, sampling.rest)
     n = len(linear.A[0])
     C, D = _measured(systems.C[0], systems.D[0], len(A), n, sampling)
@@ -101,6 +102,7 @@ def add_sampled(result: Result, systems: Systems, sampling: HoldTimes | None) ->
         )  # fmt: skip
     result.add("discrete/period", np.array(sampling.period))
     result.add("discrete/delay", np.array(sampling.delay))
+    return DiscreteModel(sampling.period, sampling.delay, [LinearSignal(*state) for state in states])
 
 
 def _measured(C: Array, D: Array, size: int, n: int, sampling: HoldTimes) -> tuple[Array, Array]:
