@@ -111,8 +111,8 @@ def test_the_loop_is_what_neighbouring_motions_do(law: str) -> None:
     x[:6] = start
     names = result.variables["loop/A"].names
     for k, name in enumerate(names):
-        if name.startswith("last."):  # the first measurement is taken for the one before
-            x[k] = start["abc".index(name[5:])]
+        if name.startswith("measured."):  # the first measurement is taken for the one before
+            x[k] = start["abc".index(name.partition(".")[2])]
     wanted = []
     if period is None:
         from scipy.linalg import expm
