@@ -127,6 +127,8 @@ CASES: dict[str, tuple[str, Sequence[str], Ranges, int]] = {
                    {"robot.links.link1.mass": (8.0, 17.0), "control.gains.kp": (100.0, 500.0)}, 0),
     "computed torque": ("double_pendulum.yaml", ("simulate.duration=3", "control={type: computed_torque, gains: {kp: 100, kd: 20}}",
                         "trajectory={type: joint, duration: 3, q: {theta1: -1, theta2: 0.5*cos(t)}}"), MASSES, 0),
+    "sampled controller": ("controlled_arm.yaml", (), {"robot.links.link1.mass": (8.0, 17.0), "control.gains.kp": (300.0, 500.0)}, 0),
+    "reference that ends": ("controlled_arm.yaml", ("control={type: pid, gains: {kp: 900, kd: 60, ki: 90}}",), {"control.gains.kp": (700.0, 1000.0)}, 0),
     "body in space": ("tumbling_body.yaml", ("simulate.duration=4",), {"robot.links.handle.inertia.yy": (0.0045, 0.0055)}, 0),
 }  # fmt: skip
 
@@ -263,7 +265,8 @@ def test_parts_of_a_range_that_are_left_to_the_command_are_found(tmp_path: Path)
 REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "another command": ("seven_joint_arm.yaml", (), {}, "cannot run in a page; allowed: simulate, deploy"),
     "contacts": ("bouncing_pendulum.yaml", (), {}, "contact states begin and change in Python"),
-    "samples of controllers": ("controlled_arm.yaml", (), {}, "a controller samples"),
+    "noise": ("controlled_arm.yaml", ("control.sensors.noise=1e-4",), {}, "sensors are noisy"),
+    "times": ("controlled_arm.yaml", (), {"control.period": (0.001, 0.004)}, "a controller samples at other times"),
     "designed gains": ("cart_pole_lqr.yaml", (), {"robot.links.rod.mass": (0.05, 0.5)}, "its controller follows from the keys by computations"),
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),

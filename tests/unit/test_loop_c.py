@@ -133,6 +133,7 @@ CASES: dict[str, tuple[str, Sequence[str], Ranges]] = {
     "masses and starts": ("double_pendulum.yaml", (), {**MASSES, "initial.q.theta2": (-2.0, 2.0), "initial.qd.theta1": (-2.0, 2.0)}),
     "explicit, torque": ("double_pendulum.yaml", ("simulate.integrator=dop853", "torques.theta1=2*sin(3*t)", "simulate.rtol=1e-8"), MASSES),
     "stops on the way": ("double_pendulum.yaml", (STOP,), MASSES),
+    "sampled, with delay and limits": ("controlled_arm.yaml", ("initial.q.theta2=0.1",), {"control.gains.kp": (300.0, 500.0), "initial.q.theta1": (-1.7, -1.4), "control.limit.theta2": (90.0, 160.0)}),
     "lock of other lengths": ("four_bar_deploy.yaml", (), {"robot.joints.theta1.a": (1.2, 1.28), "initial.q.theta1": (0.008, 0.3)}),
 }  # fmt: skip
 
@@ -258,7 +259,8 @@ def test_inertias_that_no_body_has_are_left_to_the_program(tmp_path: Path) -> No
 REFUSED = {
     ("bouncing_pendulum.yaml",): "rigid stop",
     ("four_bar_prescribed.yaml",): "a motion is prescribed",
-    ("cart_pole_lqr.yaml",): "a controller",
+    ("cart_pole_lqr.yaml", "--key", "robot.links.rod.mass"): "its controller follows from the keys",
+    ("controlled_arm.yaml", "--set", "control.sensors.noise=1e-4"): "sensors are noisy",
     ("double_pendulum.yaml", "--key", "robot.joints.theta1.alpha=-1:1"): "alpha",
     ("double_pendulum.yaml", "--key", "initial.q.theta1=1:2"): "lies outside 1:2",
     ("double_pendulum.yaml", "--set", "simulate.error_estimate=false"): "no errors are estimated",

@@ -1,7 +1,9 @@
-"""``simulate`` with a continuous controller for many runs: what compiled runs and the command say is the same, errors
+"""``simulate`` with a controller for many runs: what compiled runs and the command say is the same, errors
 too; what compiled code does not know is left to the command."""
 
 from __future__ import annotations
+
+import re
 
 import numpy as np
 import pytest
@@ -22,6 +24,11 @@ FREE = (
 )
 PD = "{type: pd, gains: {kp: 200, kd: 20}"
 SINE = "reference: {type: joint, duration: 0.5, q: {theta1: 'sin(3*t) - 1', theta2: '0.4 + 0.2*t*t'}}"
+SHORT = (  # it bends at its points and ends before the run
+    "reference: {type: cubic, points: [{t: 0, q: {theta1: -1, theta2: 0.4}}, {t: 0.13, q: {theta1: -0.8, theta2: 0.3}}, "
+    "{t: 0.31, q: {theta1: -1, theta2: 0.6}}]}"
+)
+LEFT = re.compile("a controller samples at|which may be others|equations of their own")
 MASS = ("robot.links.link2.mass",)
 
 
@@ -34,6 +41,11 @@ MASS = ("robot.links.link2.mass",)
         ("{type: computed_torque, gains: {kp: 100, kd: 20}, model: {set: {robot.links.link2.mass: 11}}}", MASS),
         ("{type: formulas, law: {theta1: 's.sum', theta2: '-5*qd.theta2'}, "
          "state: {sum: {start: 2, rate: '-40*q.theta1'}}}", MASS),
+        (f"{PD}, {SINE}, period: 0.01, delay: 0.004, rate_limit: 3000}}", (*MASS, "control.gains.kd")),
+        ("{type: pid, gains: {kp: 200, kd: 20, ki: 40}, period: 0.02, delay: 0.03, limit: 150}", (*MASS, "control.gains.ki")),
+        (f"{PD}, period: 0.01, sensors: {{noise: 1e-4, rate_noise: 1e-3, seed: 4}}}}", (*MASS, "control.sensors.noise")),
+        ("{type: computed_torque, gains: {kp: 100, kd: 20}, period: 0.02, sensors: {rates: differences}}", MASS),
+        (f"{PD}, {SHORT}}}", (*MASS, "control.gains.kd")),
         ("{type: formulas, law: {theta1: '-5*qd.theta1 + s.sum', theta2: '-5*qd.theta2'}, "
          "state: {sum: {start: 2, rate: '-40*q.theta1'}}}", ("control.state.sum.start",)),
     ],
@@ -75,16 +87,17 @@ def test_limits_that_bind_and_let_go() -> None:
 @pytest.mark.parametrize(
     ("control", "key", "made"),
     [
-        (f"{PD}, period: 0.01}}", "robot.links.link2.mass", 0),  # samples
+        (f"{PD}, period: 0.01}}", "control.period", 0),  # other samples
+        (f"{PD}, {SHORT}}}", "simulate.duration", 0),  # of whose reference other times may be left
         (f"{PD}}}", "initial.q.theta1", 0),  # the pose that is held is the start
-        (f"{PD}}}", "initial.qd.theta1", 0),
+        (f"{PD}}}", "initial.qd.theta1", 2),
     ],
 )
 def test_what_is_left_to_the_command(control: str, key: str, made: int) -> None:
     asked = Task(Family(PENDULUM, (*FREE, f"control={control}")), "simulate", (key,), ("final.q.theta1",))
     compiled = Compiled(asked, 1)
-    assert len(compiled.make(Points(np.arange(2), np.array([[0.8], [0.9]])))) == made
-    assert all("a controller" in why for why in compiled.left)
+    assert len(compiled.make(Points(np.arange(2), np.array([[0.2], [0.45]])))) == made
+    assert all(LEFT.search(why) for why in compiled.left)
 
 
 def test_starts_in_place_of_the_scenes_are_held_too() -> None:

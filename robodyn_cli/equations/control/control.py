@@ -24,7 +24,7 @@ from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
 from robodyn_cli.expr.functions import maximum, minimum, nearest
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.rebuild import evaluate, renamed
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.record import record
 from robodyn_cli.schema.spans import sides
@@ -304,6 +304,16 @@ class Control:
             seen = [np.array(evaluate(x, inputs), dtype=float) for x in (self.measured.q, self.measured.v)]
             inputs[ASKED] = self.function(0.0, *seen)
         return np.array([float(x) for x in evaluate(self.phases[0], inputs)])
+
+    @cached_property
+    def begun(self) -> list[Any]:
+        """The states (nc,) at t = 0 as expressions of q, v, parameters and noise: what ``start`` evaluates."""
+        z: list[Any] = self.starts.tolist()
+        for k, measured in zip(self.last, self.measured.q if self.last else ()):
+            z[k] = measured
+        if self.period is None:
+            return z
+        return renamed(self.phases[0], {STATES: dict(enumerate(z)), "t": {0: 0.0}})
 
     def before_start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
         """Return the states (nc,) before the first update at t = 0: what was measured last is what is there."""

@@ -7,6 +7,7 @@ threads nor on the order.
 from __future__ import annotations
 
 import dataclasses
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -26,7 +27,7 @@ from robodyn_cli.integrators.runtime.engine import (
     integers_at_start,
 )
 from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Status
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Options, stretches
 from robodyn_cli.integrators.stepping.lanes import JOB, MOST_FUNCTIONS, suits, write_lanes, write_many
 from robodyn_cli.kernels.compiler import CompiledModule, compile_module, machine
 from robodyn_cli.kernels.program import NUMBERS
@@ -144,6 +145,7 @@ class Fleet:
         self.passing = sum(1 << k for k in passing if k < MOST_FUNCTIONS)
         self._p = p
         self._engines = [self._engine()]
+        self.stretches = np.array(list(stretches(system.breakpoints, 0.0, math.inf)))
         self._clear = np.zeros_like(self._engines[0].memory.block)
         self._many = _callable(compile_module("many runs", write_many))
         host, kind = machine(), methods[method]
@@ -190,6 +192,8 @@ class Fleet:
         if self.watch:
             n[:, IntegerSlot.WATCH] = UNARMED
         self.set_steps(w, ends, options, limits.step)
+        if updates := self.system.updates:
+            n[:, IntegerSlot.UPDATES], n[:, IntegerSlot.PHASE], w[:, DoubleSlot.NEXT_UPDATE] = updates.after(0.0)
         if samples := sampling.count:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
@@ -278,7 +282,8 @@ class Fleet:
         run, trial, close, _ = self._engines[0].addresses
         fields: dict[str, int] = {
             "run": run, "trial": trial, "close": close, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
-            "events": len(self.system.events), "passing": self.passing, "all.status": runs.status.ctypes.data,
+            "events": len(self.system.events), "passing": self.passing,
+            "stops": len(self.stretches), "stretches": self.stretches.ctypes.data, "all.status": runs.status.ctypes.data,
         }  # fmt: skip
         rows = {"w": runs.w, "n": runs.n, "y": runs.y, "p": runs.p, NUMBERS: runs.numbers, "out": runs.out}
         for name, array in rows.items():

@@ -42,7 +42,7 @@ def suits(system: System, method: Method) -> bool:
     return (
         method.vectors
         and not (system.dynamics.any_size or system.events or method.moves_state(system))
-        and not (system.breakpoints or system.partition or system.parameters)
+        and not (system.breakpoints or system.partition or system.parameters or system.updates)
         and system.nv <= LONG
         and not any(step.program.has_tables for step in method.programs(system))
     )
@@ -246,15 +246,17 @@ class _Queue:
 # run, trial, close : ``run_to_event``, ``trial_step`` and ``close_latch``, where there is one. stop : a count that is
 # not zero ends the loop. clear : empty memory.
 # events : how many functions there are; passing : those at which a run goes on, by bit.
+# stops : how many stretches there are between breakpoints; stretches : of each, as ``options.stretches`` gives them.
 # Rows of the runs, with the bytes of each: w, n, y, p and numbers as in ``PLACES``, and blocks of samples.
 JOB = (
-    "run", "trial", "close", "stop", "clear", "events", "passing",
+    "run", "trial", "close", "stop", "clear", "events", "passing", "stops", "stretches",
     "all.w", "bytes.w", "all.n", "bytes.n", "all.y", "bytes.y", "all.p", "bytes.p",
     f"all.{NUMBERS}", f"bytes.{NUMBERS}", "all.out", "bytes.out", "all.status",
 )  # fmt: skip
-INTEGERS = ("bytes", "events", "passing")
+INTEGERS = ("bytes", "events", "passing", "stops")
 KEPT = ("w", "n", "y", "p")  # rows that are restored before a run and kept after it
 ARGUMENTS = ("ptr %places", "ptr %job", "i64 %first", "i64 %last")
+STRETCH = 3  # doubles of a stretch
 MOST_FUNCTIONS = 63  # events that fit into the bits of a number
 MOST_EVENTS = 1000  # of a run: with more it may be chattering
 
@@ -268,7 +270,7 @@ def write_many() -> str:
     f = Function("many", ARGUMENTS, result="i64")
     load_places(f, *KEPT, NUMBERS, "bytes", "values")
     load_job(f)
-    run, status, events = f.int_slot(), f.int_slot(), f.int_slot()
+    run, status, events, stretch = (f.int_slot() for _ in range(4))
     f.store_int(f.int_argument("first"), run)
     with f.loop() as runs:
         k = f.load_int(run)
@@ -279,14 +281,21 @@ def write_many() -> str:
             f.copy(f"%{name}", row_of(f, name, k), f"%bytes.{name}")
         f.store_address(row_of(f, "out", k), f.offset("%places", PLACES.index("out")))
         f.store_int(0, events)
-        with f.loop() as stretches:
+        f.store_int(0, stretch)
+        _enter(f, k, stretch)
+        with f.loop() as parts:
             f.store_int(f.emit_int("call i64 %run(ptr %places)"), status)
-            stretches.leave(f.compare_int("ne", f.load_int(status), int(Status.EVENT)))
-            stretches.leave(f.compare_int("sgt", f.bump(events), MOST_EVENTS))
-            stretches.leave(unless=_is_passed(f))
-            _write_passed_samples(f, k, stretches)
-            _close_latch(f, status, stretches)
+            with f.when(f.compare_int("eq", f.load_int(status), int(Status.DONE)) & _has_more(f, k, stretch)):
+                f.bump(stretch)
+                _enter(f, k, stretch)
+                parts.again()
+            parts.leave(f.compare_int("ne", f.load_int(status), int(Status.EVENT)))
+            parts.leave(f.compare_int("sgt", f.bump(events), MOST_EVENTS))
+            parts.leave(unless=_is_passed(f))
+            _write_passed_samples(f, k, parts)
+            _close_latch(f, status, parts)
             _restore(f, k)
+            _enter(f, k, stretch)
         for name in KEPT:
             f.copy(row_of(f, name, k), f"%{name}", f"%bytes.{name}")
         f.store_int(f.load_int(status), f.offset("%all.status", k))
@@ -306,6 +315,27 @@ def row_of(f: Function, name: str, k: Int | int) -> str:
     return f.name(f"getelementptr i8, ptr %all.{name}, i64 {(f.int_argument(f'bytes.{name}') * k).ref}")
 
 
+def _stretch(f: Function, stretch: str, entry: int) -> Value:
+    """Return an entry of the present stretch between breakpoints."""
+    row = f.offset("%stretches", f.load_int(stretch) * STRETCH)
+    return f.load(f.offset(row, entry))
+
+
+def _enter(f: Function, k: Int, stretch: str) -> None:
+    """Let run k go to the end of a stretch, or to its own before that; formulas of time are kept to the stretch."""
+    end = f.load(f.offset(row_of(f, "w", k), DoubleSlot.T_END))
+    f.store(f.min(_stretch(f, stretch, 0), end), f.offset("%w", DoubleSlot.T_END))
+    for entry, place in ((1, DoubleSlot.T_AFTER), (2, DoubleSlot.T_BEFORE)):
+        f.store(_stretch(f, stretch, entry), f.offset("%w", place))
+
+
+def _has_more(f: Function, k: Int, stretch: str) -> Condition:
+    """Tell whether run k has not come to its end with a stretch."""
+    end = f.load(f.offset(row_of(f, "w", k), DoubleSlot.T_END))
+    further = f.compare_int("slt", f.load_int(stretch) + 1, f.int_argument("stops"))
+    return further & f.compare("olt", _stretch(f, stretch, 0), end)
+
+
 def _is_passed(f: Function) -> Condition:
     """Return whether the state is at the event that was met, alone, and the run goes on there."""
     located = f.compare_int("ne", f.load_int(f.offset("%n", IntegerSlot.LOCATED)), 0)
@@ -315,7 +345,7 @@ def _is_passed(f: Function) -> Condition:
     return located & f.compare_int("ne", bit, 0)
 
 
-def _write_passed_samples(f: Function, k: Int, stretches: LoopBlock) -> None:
+def _write_passed_samples(f: Function, k: Int, parts: LoopBlock) -> None:
     """Take the step up to the event again where samples lie in it: trial steps write none."""
     following = f.load_int(f.offset("%n", IntegerSlot.NEXT_SAMPLE))
     last = f.load_int(f.offset(row_of(f, "n", k), IntegerSlot.LAST_SAMPLE))
@@ -328,23 +358,22 @@ def _write_passed_samples(f: Function, k: Int, stretches: LoopBlock) -> None:
         due = f.compare("ole", sample, time + (f.abs(time) + f.abs(start)) * SLACK)
     with f.when(due & f.compare_int("sle", following, last)):
         arrived = f.emit_int(f"call i64 %trial(ptr %places, double {time.ref}, i64 {last.ref})")
-        stretches.leave(f.compare_int("ne", arrived, int(Status.DONE)))
+        parts.leave(f.compare_int("ne", arrived, int(Status.DONE)))
         with f.count(f.int_argument("events")) as event:
             f.store(f.load(f.offset("%values", event)), f.offset(f.offset("%w", DoubleSlot.SIZE), event))
         f.store_int(1, f.offset("%n", IntegerSlot.WATCH))
 
 
-def _close_latch(f: Function, status: str, stretches: LoopBlock) -> None:
+def _close_latch(f: Function, status: str, parts: LoopBlock) -> None:
     """Answer the event of a latch where code does that; leave the run where it does not, or ends there."""
     with f.when(Condition(f, f.name("icmp ne ptr %close, null"), 1)):
         verdict = f.emit_int("call i64 %close(ptr %places)")
         ends = f.compare_int("eq", verdict, int(LatchAnswer.ENDS))
         f.store_int(f.select_int(ends, int(Status.HALTED), int(Status.EVENT)), status)
-        stretches.leave(f.compare_int("ne", verdict, int(LatchAnswer.GOES_ON)))
+        parts.leave(f.compare_int("ne", verdict, int(LatchAnswer.GOES_ON)))
 
 
 def _restore(f: Function, k: Int) -> None:
-    """Set again what trial steps have used for themselves."""
-    places = (("w", DoubleSlot.T_END), ("n", IntegerSlot.MAX_STEPS), ("n", IntegerSlot.LAST_SAMPLE))
-    for array, place in places:
-        f.store_int(f.load_int(f.offset(row_of(f, array, k), place)), f.offset(f"%{array}", place))
+    """Set again what trial steps have used for themselves, but for their end."""
+    for place in (IntegerSlot.MAX_STEPS, IntegerSlot.LAST_SAMPLE):
+        f.store_int(f.load_int(f.offset(row_of(f, "n", k), place)), f.offset("%n", place))

@@ -45,7 +45,8 @@ class IrInstruction:
 
     @property
     def pure(self) -> bool:
-        return self.op not in WITH_EFFECT and self.op != "call"
+        own = self.op == "call" and bool(self.target) and self.callee.startswith("@llvm.")
+        return own or (self.op not in WITH_EFFECT and self.op != "call")
 
     @property
     def registers(self) -> list[str]:

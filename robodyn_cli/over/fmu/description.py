@@ -45,6 +45,7 @@ class UnitDescription:
             f"#define KEYS {len(keys)}",
             f"#define MORE {len(self.outputs)}",
             f"#define INPUTS {len(self.structure.inputs)}",
+            f"#define KNOWN {literal(self.library.tables.known)}",
             _table("KEY_LOW", [k.low for k in keys]),
             _table("KEY_HIGH", [k.high for k in keys]),
             f"static const char *const KEY_NAME[] = {{{names}}};",

@@ -110,7 +110,7 @@ static const char *go_to(State *s, double time)
     s->changed = 0;
     reached = advance(s, &s->first, time, step, x);
     if (reached == own_FAILED)
-        return "the integration has failed";
+        return time > KNOWN ? "what the motion follows is known up to its duration" : "the integration has failed";
     other = advance(s, &s->again, time, 0.5 * step, y);
     s->time = own_loop_time(&s->first);
     if (reached == own_ENDED) {

@@ -14,7 +14,7 @@ from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.model.places import with_free
-from robodyn_cli.observe.control import SIGNALS
+from robodyn_cli.observe.control import SIGNALS, control_columns
 from robodyn_cli.observe.observe import observed
 from robodyn_cli.observe.reactions import REACTION_GROUPS, ReactionSamples
 from robodyn_cli.over.live.code import StateEquations
@@ -84,13 +84,13 @@ class FmuStructure(CStructure):
                 row = self.row.copy()
                 row[k] = x
                 rows.append(row)
-        return rows
+        return [*rows, *self._beside()]
 
     # -- outputs --------------------------------------------------------------------------------------
     @cached_property
     def observed(self) -> dict[str, list[Any]]:
         """The expressions that are put out beside the states, by name."""
-        left = ("forces.", "eta", "psi", "latch_loads", "skeleton/", "frames/", "control.")
+        left = ("forces.", "eta", "psi", "latch_loads", "skeleton/", "frames/")
         outputs = {
             name: list(entries)
             for name, entries in observed(self.motion.problem).items()
@@ -112,6 +112,7 @@ class FmuStructure(CStructure):
         """Equations of the state, those of outputs among them: behind the states stand time and what is put out."""
         system = self.motion.system
         places = {"q": list(system.q_places), "v": list(system.v_places), "t": [system.size]}
+        places["z"] = list(range(system.size - system.further, system.size))
         more = {}
         if self.observed:
             more["outputs"] = StateEquations(make_program(dict(self.observed), STATE), places)
@@ -156,6 +157,11 @@ class FmuStructure(CStructure):
                 FmuOutput(f"constraints.{row.name}", TORQUE[row.unit], "Lagrange multiplier of a constraint")
                 for row in problem.constraints.rows
             ]
+        path = name.replace(".", "/")
+        if path in (columns := control_columns(problem)):
+            own = columns[path]
+            units = own["column_units"] or [own["units"]] * count
+            return [FmuOutput(f"{name}.{x}", u, own["long_name"]) for x, u in zip(own["names"], units)]
         if name == SIGNALS:
             return [
                 FmuOutput(f"signals.{x}", s.unit if isinstance(s, Signal) else "1", "signal")
@@ -166,7 +172,7 @@ class FmuStructure(CStructure):
 
 def _known(entries: Sequence[Any]) -> bool:
     """Tell whether expressions depend on the state and time alone."""
-    return {symbol.value[1] for symbol in free_symbols(entries)} <= {"t", "q", "v"}
+    return {symbol.value[1] for symbol in free_symbols(entries)} <= {"t", "q", "v", "z"}
 
 
 def _with_free_numbers(command: MotionCommand, places: Sequence[str]) -> MotionCommand:

@@ -87,9 +87,7 @@ class LiveStructure:
     """
 
     where = "run in a page"  # what the scene is to do, as refusals say it
-    in_page = (
-        True  # where states of controllers have their starts, and times of events that are passed are told
-    )
+    in_page = True  # where times of events that are passed are told
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
@@ -186,6 +184,7 @@ class LiveStructure:
     def obstacle(self) -> str:
         """Why runs of this scene stay with the command; nothing if they can leave."""
         motion, scene = self.motion, self.motion.scene
+        control = motion.problem.control
         sorts = [(key.key.name, key.key.sort) for key in self.keys]
         reasons = {f"{name} {SORTS[sort]}": True for name, sort in sorts if sort in SORTS}
         choice = motion.choice
@@ -195,7 +194,8 @@ class LiveStructure:
             "no errors are estimated (simulate.error_estimate)": not scene.simulate.error_estimate,
             "the motion turns stiff, so that its method changes on the way": choice.may_change
             and choice.method == STIFF,
-            "a controller acts": scene.control is not None and not self.in_page,
+            "sensors are noisy, whose random numbers the command draws": control is not None
+            and bool(control.channels),
             "latches close": motion.system.closings is not None or bool(scene.deploy.latches),
             "loops of joints with quaternions are closed in Python": quasi
             and bool(motion.problem.constraints.rows),
@@ -235,6 +235,8 @@ class LiveStructure:
             outputs["loops"] = self.closing.equations
         if is_judged_by_energy(motion):
             outputs["energies"] = {"kinetic": [problem.kinetic], "potential": [potential_energy(problem)]}
+        if self.structure.begun is not None and problem.control is not None:
+            outputs["begun"] = {"z": problem.control.begun}
         if bodies := inertia_equations(motion, self.structure.recipe):
             outputs["inertia"] = bodies
         if locks(self.command.name):
@@ -340,6 +342,7 @@ class LiveStructure:
                 "parts": dict(zip(("w", "n", "y", "dense"), (a - first for a in memory.addresses))),
                 "fixed": {name: int(a.nbytes) for name, a in zip(names, self.engine.fixed)},
                 "places": list(PLACES), "job": list(JOB), "parameters": plain(self.engine.p),
+                "stretches": plain(self.fleet.stretches.ravel()), "updates": plain(self.engine.fixed[-1]),
             },
             "slots": {"time": DoubleSlot.T},
             "counts": {name: int(getattr(IntegerSlot, name)) for name in COUNTS},
@@ -349,7 +352,7 @@ class LiveStructure:
             "numbers": plain(self.tables.numbers), "own": engine_numbers,
             "off": {draw: _steps_off(self.fleet.tables, draw) for draw in (1, 2)},
             "outputs": {name: own.program.sizes for name, own in self.equations.items()},
-            "start": self._start(),
+            "begun": self.system.size - self.system.further, "start": self._start(),
             **self.judging.data(),
         }  # fmt: skip
 

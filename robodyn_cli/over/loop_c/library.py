@@ -8,7 +8,7 @@ from functools import cached_property
 from robodyn_cli.kernels.as_c.words import text_beside, used_functions
 from robodyn_cli.kernels.c99 import comment, identifier
 from robodyn_cli.over.loop_c.structure import CStructure
-from robodyn_cli.over.loop_c.tables import LoopTables
+from robodyn_cli.over.loop_c.tables import FOREVER, LoopTables
 from robodyn_cli.version import __version__
 
 HEADER = """/*
@@ -75,7 +75,7 @@ int {own}_loop_begin({own}_loop *loop, const double values[{key_room}], int agai
 
    Returns {big}_LOOP_REACHED; {big}_LOOP_ENDED where the motion has ended before, with the state at its end, now and
    ever after; {big}_LOOP_FAILED where the integration has failed, or, with the motion left where it stands, for a time
-   before the present one ({own}_loop_time). */
+   before the present one ({own}_loop_time){known}. */
 int {own}_loop_to({own}_loop *loop, double time, double x[{states}]);
 
 /* The same with a step that ends there, and none that is longer than so much. Behind it values may change. */
@@ -148,7 +148,9 @@ class LoopLibrary:
             own = d[group]
             for name, unit, place in zip(own["names"], own["units"], own["places"]):
                 found[place] = f"{prefix}.{name}", unit + rate
-        extra = (f"z.{k}" for k in range(d["size"]))
+        control = self.structure.motion.problem.control
+        own = [] if control is None else [f"z.{name}" for name in control.names]
+        extra = iter([*own, *(f"z.{k}" for k in range(len(own), d["size"]))])
         return [x if x[0] else (next(extra), "1") for x in found]
 
     @property
@@ -176,6 +178,7 @@ class LoopLibrary:
             nq_room=max(1, nq), nv_room=max(1, nv), states=d["size"], events=len(d["events"]), samples=t.shown + 1,
             duration=repr(float(d["duration"])), loop=integration, room=integration + sum(t.judging.values()),
             key_room=t.key_room, outputs=self._outputs,
+            known="" if t.known == FOREVER else f", or beyond {t.known!r} s, up to which the motion to follow is known",
             columns=", ".join(f"{comment(name)} [{comment(unit)}]" for name, unit in self.columns),
         )  # fmt: skip
 

@@ -20,6 +20,7 @@ static void connect(Integration *m, double *out)
     where[PLACE_saved] = (char *)m->saved;
     where[PLACE_values] = (char *)m->values;
     where[PLACE_bracket] = (char *)m->bracket;
+    memcpy(m->updates, UPDATE, sizeof UPDATE);
     for (k = 0; k < PLACES; ++k)
         if (k == PLACE_bytes)
             store_l((char *)(m->places + k), BLOCK);
@@ -187,6 +188,11 @@ static int set_start(Integration *m, const double *values)
 #if CLOSING
     reason = changed ? close_loops(m, m->x) : 0;
 #endif
+#if BEGUN
+    /* the first update of a sampled controller */
+    loop_begun((char *)m->x, (char *)m->table, (char *)m->results);
+    memcpy(m->x + FIRST_BEGUN, m->results, BEGUN * sizeof(double));
+#endif
     return reason ? reason : no_bodies(m, m->x);
 }
 
@@ -340,14 +346,25 @@ static int note_event(Integration *m)
 }
 #endif
 
+/* Sets where steps have to end: at the limit, or where formulas of time have another form behind. */
+static void bound(Integration *m)
+{
+    const double *stretch = STRETCH_END + 3 * (int)m->state[STRETCH];
+    double *w = m->block + AT_W / 8;
+
+    w[SLOT_T_END] = stretch[0] < m->state[LIMIT] ? stretch[0] : m->state[LIMIT];
+    w[SLOT_T_AFTER] = stretch[1];
+    w[SLOT_T_BEFORE] = stretch[2];
+}
+
 /* Goes to a time, or to the end of the motion before it; cut : whether a step ends there. */
 static int go_on(Integration *m, double time, int cut)
 {
-    if (m->state[ENDED] == 2.0 || !(time >= m->state[TIME]))
+    if (m->state[ENDED] == 2.0 || !(time >= m->state[TIME]) || time > KNOWN * (1.0 + 1e-9))
         return own_FAILED;
     connect(m, m->out);
     m->state[LIMIT] = cut ? time : 1e300;
-    m->block[AT_W / 8 + SLOT_T_END] = m->state[LIMIT];
+    bound(m);
     for (;;) {
         int64_t status;
 #if EVENTS
@@ -364,7 +381,7 @@ static int go_on(Integration *m, double time, int cut)
                 return own_ENDED;
             }
             /* trial steps use the end for themselves */
-            m->block[AT_W / 8 + SLOT_T_END] = m->state[LIMIT];
+            bound(m);
             set_count(m->block, COUNT_MAX_STEPS, INT64_MAX / 4);
             m->state[AT_EVENT] = 0.0;
             m->state[PASSED] += 1.0;
@@ -372,6 +389,13 @@ static int go_on(Integration *m, double time, int cut)
 #endif
         ask(m->block, time, cut ? -1 : 1);
         status = loop_run_to_event((char *)m->places);
+#if STRETCHES > 1
+        if (status == STATUS_DONE && m->block[AT_W / 8 + SLOT_T_END] < m->state[LIMIT]) {
+            m->state[STRETCH] += 1.0;
+            bound(m);
+            continue;
+        }
+#endif
         if (status == (cut ? STATUS_DONE : STATUS_FULL)) {
             if (cut)
                 memcpy(m->out, (char *)m->block + AT_Y, sizeof m->out);
@@ -490,6 +514,7 @@ static void drive(Judging *j, const Spec *spec, const double *w, int64_t steps, 
     connect(m, out);
     job[JOB_stop] = (char *)j->stop;
     job[JOB_clear] = (char *)j->clear;
+    job[JOB_stretches] = (char *)(uintptr_t)STRETCH_END;
     job[JOB_all_w] = (char *)j->w;
     job[JOB_all_n] = (char *)j->n;
     job[JOB_all_y] = (char *)j->y;
@@ -502,6 +527,7 @@ static void drive(Judging *j, const Spec *spec, const double *w, int64_t steps, 
         store_p((char *)(j->job + k), job[k]);
     store_l((char *)(j->job + JOB_events), EVENTS);
     store_l((char *)(j->job + JOB_passing), PASSING);
+    store_l((char *)(j->job + JOB_stops), STRETCHES);
     store_l((char *)(j->job + JOB_bytes_w), sizeof j->w);
     store_l((char *)(j->job + JOB_bytes_n), sizeof j->n);
     store_l((char *)(j->job + JOB_bytes_y), sizeof j->y);

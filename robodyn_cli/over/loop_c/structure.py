@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
@@ -16,6 +18,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.read_joints import QUATERNION
 from robodyn_cli.spatial.algebra import Array
 
+BESIDE = 1e-3  # relative
 C99 = Target("", "", "", lanes=1, fused=False)
 
 
@@ -53,7 +56,15 @@ class CStructure(LiveStructure):
                     row = self.row.copy()
                     row[k] = x
                     rows.append(row)
-        return rows
+        return [*rows, *self._beside()]
+
+    def _beside(self) -> list[Array]:
+        """Return a row beside that of the scene where a controller acts: its numbers may follow in Python."""
+        if self.family.own.control is None or not self.keys:
+            return []
+        moved = self.row + BESIDE * np.maximum(np.abs(self.row), 1.0) * (1.0 + np.arange(len(self.keys)) / 7.0)
+        inside = [key.low <= x <= key.high for key, x in zip(self.keys, moved)]
+        return [np.where(inside, moved, self.row)]
 
     def _picture(self) -> dict[str, list[Any]]:
         return {}  # C draws nothing

@@ -14,7 +14,8 @@ from robodyn_cli.over.loop_c.rules import CRules, rule_name
 from robodyn_cli.over.loop_c.structure import CStructure
 
 ROW = 8  # bytes of a double
-SLOTS = ("T", "T_END", "H_MAX", "SAMPLE_START", "SAMPLE_STEP")
+SLOTS = ("T", "T_END", "T_AFTER", "T_BEFORE", "H_MAX", "SAMPLE_START", "SAMPLE_STEP")
+FOREVER = 1e300  # s
 MORE_COUNTS = ("CAPACITY", "ROWS", "WATCH")
 
 
@@ -44,7 +45,7 @@ class LoopTables:
         """The equations that runs ask for."""
         sizes = self.constants
         asked = {"loops": "CLOSING", "energies": "BALANCE", "psi": "LOCKS", "jacobian": "SLOW", "inertia": "DEFINITE",
-                 "outputs": "OBSERVED", "reactions": "REACTIONS"}  # fmt: skip
+                 "begun": "BEGUN", "outputs": "OBSERVED", "reactions": "REACTIONS"}  # fmt: skip
         return [name for name in self.data["outputs"] if sizes[asked[name]]]
 
     @property
@@ -75,6 +76,8 @@ class LoopTables:
             "CLOSING": int(bool(closing)), "MISSING": int("step.missing" in rules), "FREE": int("step.free" in rules),
             "BESIDE": int("beside" in rules), "BALANCE": int("balance" in rules), "SLOW": int("slow" in rules),
             "DEFINITE": int("definite" in rules), "MASS": d["outputs"].get("inertia", {}).get("mass", 0),
+            "BEGUN": d["outputs"].get("begun", {}).get("z", 0), "FIRST_BEGUN": d["begun"],
+            "UPDATES": len(memory["updates"]), "STRETCHES": len(memory["stretches"]) // 3,
             "LOCKS": int(d["locks"]), "OBSERVED": sum(d["outputs"].get("outputs", {}).values()),
             "REACTIONS": sum(d["outputs"].get("reactions", {}).values()),
         }  # fmt: skip
@@ -109,7 +112,7 @@ class LoopTables:
             "block": block, "saved": block, **room, "numbers": d["own"] + 1,
             "p": max(1, len(memory["parameters"])), "values": events + 1, "bracket": 2 * (1 + events),
             "places": len(memory["places"]), "table": max(1, len(d["numbers"])), "x": d["size"], "out": d["size"],
-            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": 8, **observed,
+            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": 9, **observed,
         }  # fmt: skip
 
     @cached_property
@@ -133,9 +136,17 @@ class LoopTables:
         closing = self.data["start"]["closing"]
         if closing:
             pieces += [f"#define {name} {literal(closing[name])}" for name in ("TINY", "CLOSED")]
+        pieces.append(f"#define KNOWN {literal(self.known)} /* s: of what depends on time */")
         pieces += ["#define LAST_EVENT 0", "#define EVENT_TIME 1", "#define AT_EVENT 2", "#define ENDED 3",
-                   "#define TIME 4", "#define PASSED 5", "#define LIMIT 6", "#define LONGEST 7", ""]  # fmt: skip
+                   "#define TIME 4", "#define PASSED 5", "#define LIMIT 6", "#define LONGEST 7", "#define STRETCH 8", ""]  # fmt: skip
         return "\n".join([*pieces, self._types(), self._tables()])
+
+    @property
+    def known(self) -> float:
+        """Up to when all times are known at which steps have to end, and what a controller follows [s]."""
+        control = self.structure.motion.problem.control
+        follows = control is not None and control.reference.motion is not None
+        return float(self.data["duration"]) if follows or self.structure.system.breakpoints else FOREVER
 
     def _types(self) -> str:
         def struct(name: str, first: str, arrays: Mapping[str, int]) -> str:
@@ -154,6 +165,7 @@ class LoopTables:
         d, own = self.data, self.data["start"]["own"]
         texts = [
             _doubles("NUMBERS", d["numbers"]), _doubles("PARAMETER", d["memory"]["parameters"]),
+            _doubles("UPDATE", d["memory"]["updates"]), _doubles("STRETCH_END", d["memory"]["stretches"]),
             _integers("OFF[2]", [d["off"][1], d["off"][2]], "signed char"),
             _integers("Q_PLACE", d["q"]["places"], "int"), _integers("V_PLACE", d["v"]["places"], "int"),
             _doubles("START", self._state(own["q"], own["v"])),

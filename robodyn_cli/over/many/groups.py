@@ -30,6 +30,8 @@ class Built:
     ----------
     tables : of all programs. witnesses : comparisons of numbers that were made while they were built.
     obstacle : why runs are made one by one all the same; nothing if they are not.
+
+    follows : whether its numbers follow from the keys, so that what is built elsewhere has to confirm them.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class Built:
     ) -> None:
         self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
         self._varying = [(k, key) for k, key in enumerate(keys) if key.sort == NUMBER]
+        self.follows = bool(self._varying)
         self.recipe = Recipe([key.place for _, key in self._varying])
         self.deciding = self.recipe.deciding(witnesses)
         self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
@@ -73,7 +76,7 @@ class Built:
         """
         away = np.abs(values - self.row)
         near: NDArray[np.bool_] = np.ones(len(values), dtype=bool)
-        if not self._varying:
+        if not self.follows:
             return near
         while not (near := (away / FARTHER <= self._confirmed).all(axis=1)).all():
             left = away[~near]

@@ -65,7 +65,7 @@ class RunBatch:
         ends = structure.column("duration", values)
         if ends is None:
             ends = np.full(len(values), structure.motion.scene.simulate.duration)
-        states = starts.states(structure)
+        states = starts.states(structure, numbers)
         return RunBatch(
             structure, values, numbers, starts, states, ends, structure.motion.options, threads, {}
         )

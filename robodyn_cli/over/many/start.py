@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.control.control import NOISE
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.many import Expressions, ManyNumbers
 from robodyn_cli.over.many.groups import Built
@@ -43,11 +44,15 @@ class Starts:
     v: Array
     sound: Rows
 
-    def states(self, structure: Structure) -> Array:
+    def states(self, structure: Structure, numbers: ManyNumbers) -> Array:
         """Return the integrator's states (N, nx)."""
         system = structure.motion.system
         x = np.tile(structure.motion.start, (len(self.q), 1))  # states of a controller among them
         x[:, list(system.q_places)], x[:, list(system.v_places)] = self.q, self.v
+        if structure.begun is not None and system.updates is not None:
+            groups = {"q": self.q.T, "v": self.v.T, "p": list(system.parameters), NOISE: system.updates.noise[0]}
+            first = system.size - system.further
+            x[:, first : first + system.updates.count] = numbers.evaluate(structure.begun, groups)
         return x
 
 

@@ -20,7 +20,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
-from robodyn_cli.over.many.keys import NUMBER, OPTION, START, Key, settings
+from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -28,6 +28,11 @@ from robodyn_cli.spatial.algebra import Array
 if TYPE_CHECKING:
     from robodyn_cli.motion.conditioning import Conditioning
     from robodyn_cli.observe.observe import Observer
+
+
+# numbers of a controller in which no function of time has a part
+TIMELESS = ("control.gains", "control.limit", "control.rate_limit", "control.sensors", "control.model")
+CLOCKS = ("control.period", "control.delay")
 
 
 class Buildable(Protocol):
@@ -59,6 +64,8 @@ class Structure(Built):
             tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
         why = obstacle(self.motion, keys, command.follows_events) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
+        # a controller may hold where the joints start
+        self.follows = self.follows or (self.motion.problem.control is not None and bool(len(row)))
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
         self._observers: dict[bool, tuple[Observer, list[Decision]]] = {}
@@ -110,6 +117,12 @@ class Structure(Built):
             yield observer
 
     @cached_property
+    def begun(self) -> Expressions | None:
+        """The states of a sampled controller at t = 0 as expressions; None where they are the same in all runs."""
+        control = self.motion.problem.control
+        return None if control is None or control.period is None else Expressions(control.begun)
+
+    @cached_property
     def psi_at_samples(self) -> SampleKernel:
         """Psi of the loops' rows as a function of samples; its table is that of a run."""
         problem = self.motion.problem
@@ -137,7 +150,11 @@ class Structure(Built):
 def times_vary(keys: Sequence[Key]) -> bool:
     """Tell whether functions of time may switch at other times, or over another duration, in other runs."""
     sections = ("parameters.", "torques.", "forces.", "control.", "trajectory.")
-    return any(key.sort == OPTION or (key.sort == NUMBER and key.place.startswith(sections)) for key in keys)
+    return any(
+        key.sort == OPTION
+        or (key.sort == NUMBER and key.place.startswith(sections) and not key.place.startswith(TIMELESS))
+        for key in keys
+    )
 
 
 def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) -> str:
@@ -153,11 +170,16 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         "independent coordinates or rows are chosen along the motion": system.partition is not None,
         "contact states begin and change in Python": not follows_events
         and (begins or bool(system.parameters)),
-        "a controller samples": control is not None and control.period is not None,
-        "a controller starts otherwise, or holds where the joints start": control is not None
-        and any(key.sort == START or key.place.startswith("control.state") for key in keys),
-        "steps have to end at times that formulas or tables give": bool(system.breakpoints)
-        or any(times_vary(keys) or not corners.resolved for _, corners in problem.switching.time_structures),
+        **_of_samples(motion, keys),
+        "states of a controller start otherwise": control is not None
+        and any(key.place.startswith("control.state") for key in keys),
+        "steps have to end at times that formulas or tables give, which may be others": times_vary(keys)
+        and (bool(system.breakpoints) or bool(problem.switching.time_structures)),
+        "steps have to end at more times of formulas than were found": any(
+            not corners.resolved for _, corners in problem.switching.time_structures
+        ),
+        "fixed steps end at times that formulas or tables give": bool(system.breakpoints)
+        and motion.options.step is not None,
         "a motion is prescribed": bool(constraints.rheonomic),
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,
@@ -167,3 +189,16 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         and any(event.is_discontinuity for event in system.events),
     }
     return first_of(reasons)
+
+
+def _of_samples(motion: Motion, keys: Sequence[Key]) -> dict[str, bool]:
+    """Return the reasons of a sampled controller, and which of them hold."""
+    control = motion.problem.control
+    if control is None or control.period is None:
+        return {}
+    lasts = any(key.sort == OPTION for key in keys)
+    return {
+        "a function in Python controls": control.function is not None,
+        "a controller samples at other times": any(key.place.startswith(CLOCKS) for key in keys),
+        "sensors are noisy for another duration": bool(control.channels) and lasts,
+    }

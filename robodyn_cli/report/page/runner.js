@@ -38,7 +38,7 @@ class Runner {
       numbers: 8 * data.own, out: 8 * nx * samples };
     const largest = Math.max(1, ...Object.values(data.outputs).map((own) => Object.values(own).reduce((a, b) => a + b, 0)));
     const sizes = { block: memory.block, saved: memory.block, clear: memory.block, p: this.bytes.p, ...memory.fixed, values: 8 * count,
-      bracket: 16 * (1 + count), places: 8 * memory.places.length, job: 8 * memory.job.length, stop: 8, status: 8,
+      bracket: 16 * (1 + count), stretches: 8 * memory.stretches.length, places: 8 * memory.places.length, job: 8 * memory.job.length, stop: 8, status: 8,
       given: 8 * data.keys.length, x: 8 * nx, table: 8 * data.numbers.length, results: 8 * largest };
     for (const name in this.bytes) sizes[`all.${name}`] = this.bytes[name];
     const place = { stack: (data.code.constants + STACK) & -LINE };
@@ -55,9 +55,11 @@ class Runner {
     const where = { ...place, out: place["all.out"], bytes: memory.block };
     for (const [name, first] of Object.entries(memory.parts)) where[name] = place.block + first;
     memory.places.forEach((name, k) => this.setInteger("places", k, where[name] || 0));
-    const job = { stop: place.stop, clear: place.clear, events: data.events.length, passing: data.passing, "all.status": place.status };
+    const job = { stop: place.stop, clear: place.clear, events: data.events.length, passing: data.passing, "all.status": place.status,
+      stops: memory.stretches.length / 3, stretches: place.stretches };
     for (const name in bytes) Object.assign(job, { [`all.${name}`]: place[`all.${name}`], [`bytes.${name}`]: bytes[name] });
     memory.job.forEach((name, k) => this.setInteger("job", k, job[name] || 0));
+    for (const name of ["stretches", "updates"]) this.view(name, memory[name].length).set(memory[name].map(Number));
     if (this.code.watch) this.code.watch(place.job);
   }
 
@@ -218,6 +220,7 @@ class Runner {
     const { data } = this;
     this.setNumbers(values);
     const x = this.start(values);
+    if (data.outputs.begun) x.set(this.equations("begun", x).z, data.begun); // the first update of a sampled controller
     if (data.outputs.inertia) this.require("definite", this.equations("inertia", x));
     if (data.outputs.jacobian) this.require("slow", this.equations("jacobian", x));
     const locks = data.locks;
