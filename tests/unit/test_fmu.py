@@ -70,6 +70,38 @@ def test_a_unit_gives_what_simulate_gives_for_any_step(tmp_path: Path) -> None:
 
 
 @needs_compiler
+@pytest.mark.parametrize("control", [
+    "{type: computed_torque, gains: {kp: 400, kd: 40}, period: 0.004, delay: 0.007, limit: {theta1: 300, theta2: 90}, "
+    "model: {set: {robot.links.link2.mass: 11.856}}}",
+    "{type: pid, gains: {kp: 900, kd: 60, ki: 90}}",
+])  # fmt: skip
+def test_a_controlled_motion_is_that_of_simulate_for_any_step(control: str, tmp_path: Path) -> None:
+    """Sampled and continuous, following a motion that ends before the run does; under sanitizers."""
+    motion = "{type: cubic, points: [{t: 0, q: {theta1: -90 deg, theta2: 0}}, {t: 0.3, q: {theta1: -80 deg, theta2: 0.2}}]}"
+    overrides = [f"control={control}", f"trajectory={motion}", "simulate={duration: 0.5, samples: 51}"]
+    family = family_of("controlled_arm.yaml", ["expect={}", *overrides])
+    try:
+        unit = ExportedUnit(family, tmp_path, ["robot.links.link1.mass=5:25"], flags=SANITIZED)
+    except AssertionError:  # the compiler has no sanitizers
+        unit = ExportedUnit(family, tmp_path, ["robot.links.link1.mass=5:25"])
+    mass = "robot.links.link1.mass=14"
+    result = simulate(family_of("controlled_arm.yaml", ["expect={}", *overrides, mass]).own)
+    names, stored = ["theta1", "theta2"], result.variables
+    stated = result.summary["error_estimate"]["state_max"]
+    for count in (1, 7, 500):
+        _, values, _ = unit.run(0.5 / count, count, [mass])
+        for group, path in (("q", "q"), ("qd", "qd")):
+            allowed = column(values, names, f"error.{group}") + stated + 1e-12
+            apart = np.abs(column(values, names, group) - stored[path].data[-1])
+            assert (apart <= allowed).all() and (allowed < 1e-8).all()
+        for group in ("reference", "error", "torque"):
+            own = column(values, names, f"control.{group}")
+            np.testing.assert_allclose(own, stored[f"control/{group}"].data[-1], rtol=1e-8, atol=1e-8)
+    with pytest.raises(RuntimeError, match="what the motion follows is known up to its duration"):
+        unit.run(0.2, 3)
+
+
+@needs_compiler
 def test_a_lock_ends_the_simulation_at_its_time(tmp_path: Path) -> None:
     unit = ExportedUnit(family_of("four_bar_deploy.yaml"), tmp_path, ["robot.links.crank.mass=10:40"])
     runs = Mechanism(family_of("four_bar_deploy.yaml"), vary=["robot.links.crank.mass"]).deploy_many(
@@ -133,7 +165,11 @@ def test_values_out_of_range_and_parameters_on_the_way_are_refused(tmp_path: Pat
 
 REFUSED: dict[tuple[str, ...], str] = {
     ("bouncing_pendulum.yaml",): "contact states begin and change in Python",
-    ("controlled_arm.yaml", "--set", "control.sensors.noise=1e-4"): "leave as a unit of FMI: sensors are noisy",
+    (
+        "controlled_arm.yaml",
+        "--set",
+        "control.sensors.noise=1e-4",
+    ): "leave as a unit of FMI: sensors are noisy",
     ("four_bar_prescribed.yaml",): "a motion is prescribed",
     ("mechanisms/four_bar_locked.yaml",): "goes on as the locked structure",
     (PENDULUM, "--key", "robot.joints.theta1.alpha=-1:1"): "alpha",

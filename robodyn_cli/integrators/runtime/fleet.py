@@ -193,7 +193,9 @@ class Fleet:
             n[:, IntegerSlot.WATCH] = UNARMED
         self.set_steps(w, ends, options, limits.step)
         if updates := self.system.updates:
-            n[:, IntegerSlot.UPDATES], n[:, IntegerSlot.PHASE], w[:, DoubleSlot.NEXT_UPDATE] = updates.after(0.0)
+            n[:, IntegerSlot.UPDATES], n[:, IntegerSlot.PHASE], w[:, DoubleSlot.NEXT_UPDATE] = updates.after(
+                0.0
+            )
         if samples := sampling.count:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
@@ -283,7 +285,8 @@ class Fleet:
         fields: dict[str, int] = {
             "run": run, "trial": trial, "close": close, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
             "events": len(self.system.events), "passing": self.passing,
-            "stops": len(self.stretches), "stretches": self.stretches.ctypes.data, "all.status": runs.status.ctypes.data,
+            "stops": len(self.stretches), "stretches": self.stretches.ctypes.data,
+            "all.status": runs.status.ctypes.data,
         }  # fmt: skip
         rows = {"w": runs.w, "n": runs.n, "y": runs.y, "p": runs.p, NUMBERS: runs.numbers, "out": runs.out}
         for name, array in rows.items():

@@ -62,7 +62,9 @@ class CStructure(LiveStructure):
         """Return a row beside that of the scene where a controller acts: its numbers may follow in Python."""
         if self.family.own.control is None or not self.keys:
             return []
-        moved = self.row + BESIDE * np.maximum(np.abs(self.row), 1.0) * (1.0 + np.arange(len(self.keys)) / 7.0)
+        moved = self.row + BESIDE * np.maximum(np.abs(self.row), 1.0) * (
+            1.0 + np.arange(len(self.keys)) / 7.0
+        )
         inside = [key.low <= x <= key.high for key, x in zip(self.keys, moved)]
         return [np.where(inside, moved, self.row)]
 

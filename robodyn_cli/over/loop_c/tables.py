@@ -15,6 +15,8 @@ from robodyn_cli.over.loop_c.structure import CStructure
 
 ROW = 8  # bytes of a double
 SLOTS = ("T", "T_END", "T_AFTER", "T_BEFORE", "H_MAX", "SAMPLE_START", "SAMPLE_STEP")
+# what is kept of a motion that goes step by step
+STATE = ("LAST_EVENT", "EVENT_TIME", "AT_EVENT", "ENDED", "TIME", "PASSED", "LIMIT", "LONGEST", "STRETCH")
 FOREVER = 1e300  # s
 MORE_COUNTS = ("CAPACITY", "ROWS", "WATCH")
 
@@ -112,7 +114,7 @@ class LoopTables:
             "block": block, "saved": block, **room, "numbers": d["own"] + 1,
             "p": max(1, len(memory["parameters"])), "values": events + 1, "bracket": 2 * (1 + events),
             "places": len(memory["places"]), "table": max(1, len(d["numbers"])), "x": d["size"], "out": d["size"],
-            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": 9, **observed,
+            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": len(STATE), **observed,
         }  # fmt: skip
 
     @cached_property
@@ -137,8 +139,7 @@ class LoopTables:
         if closing:
             pieces += [f"#define {name} {literal(closing[name])}" for name in ("TINY", "CLOSED")]
         pieces.append(f"#define KNOWN {literal(self.known)} /* s: of what depends on time */")
-        pieces += ["#define LAST_EVENT 0", "#define EVENT_TIME 1", "#define AT_EVENT 2", "#define ENDED 3",
-                   "#define TIME 4", "#define PASSED 5", "#define LIMIT 6", "#define LONGEST 7", "#define STRETCH 8", ""]  # fmt: skip
+        pieces += [*(f"#define {name} {k}" for k, name in enumerate(STATE)), ""]
         return "\n".join([*pieces, self._types(), self._tables()])
 
     @property

@@ -50,7 +50,12 @@ class Starts:
         x = np.tile(structure.motion.start, (len(self.q), 1))  # states of a controller among them
         x[:, list(system.q_places)], x[:, list(system.v_places)] = self.q, self.v
         if structure.begun is not None and system.updates is not None:
-            groups = {"q": self.q.T, "v": self.v.T, "p": list(system.parameters), NOISE: system.updates.noise[0]}
+            groups = {
+                "q": self.q.T,
+                "v": self.v.T,
+                "p": list(system.parameters),
+                NOISE: system.updates.noise[0],
+            }
             first = system.size - system.further
             x[:, first : first + system.updates.count] = numbers.evaluate(structure.begun, groups)
         return x
