@@ -61,7 +61,7 @@ def _margins(loops: Mapping[str, Mapping[str, Any]]) -> str:
         cells = [_cell(own, *column) for column in COLUMNS]
         rows += [
             [name, *cells],
-            ["  +-", *(error_text(own["errors"][key] * factor) for key, _, factor in COLUMNS)],
+            ["  +-", *(_error(own["errors"][key], factor) for key, _, factor in COLUMNS)],
         ]
         rows.append(["  at rad/s", *(number(own[at], 5) for _, at, _ in COLUMNS)])
     left = len(loops) - MOST_LOOPS
@@ -72,6 +72,10 @@ def _margins(loops: Mapping[str, Mapping[str, Any]]) -> str:
 def _cell(own: Mapping[str, Any], key: str, at: str, factor: float) -> str:
     value = own[key]
     return "no limit" if value is None else number(value * factor)
+
+
+def _error(error: float | None, factor: float) -> str:
+    return "?" if error is None else error_text(error * factor)
 
 
 def _at(frequency: float | None) -> str:

@@ -101,15 +101,17 @@ class ControlLaw:
 
     numbers : fields whose values are numbers of the compiled code's table. shares : whether the driven joints of a
     mechanism with loops share a load, so that they must command all its freedoms. whole : whether the law needs to
-    drive every joint of an open chain. at_point : whether it follows a point. reference : the motion that it follows,
-    where it follows any. pose : positions by joint that it holds, where it names any. law, state : formulas of torques
-    and states by name. call : gives the torques for t, q and v where a function in Python does.
+    drive every joint of an open chain. at_point : whether it follows a point. follows : whether it follows a motion.
+    reference : the motion that it follows, where it follows any. pose : positions by joint that it holds, where it
+    names any. law, state : formulas of torques and states by name. call : gives the torques for t, q and v where a
+    function in Python does.
     """
 
     numbers: ClassVar[tuple[str, ...]] = ("gains", "limit", "rate_limit", "sensors", "period", "directions")
     shares: ClassVar[bool] = False
     whole: ClassVar[bool] = False
     at_point: ClassVar[bool] = False
+    follows: ClassVar[bool] = False
     reference: Any = None
     pose: Mapping[str, float] = MappingProxyType({})
     law: Mapping[str, Any] = MappingProxyType({})
@@ -186,6 +188,8 @@ class Controller(ControlLaw):
 @record
 class Follower(Controller):
     """A controller that follows a motion."""
+
+    follows: ClassVar[bool] = True
 
     reference: Any = key(
         OrFile(Tagged(lambda: trajectory_types)),

@@ -87,7 +87,7 @@ class Lqr(Controller):
 
 def unreachable_mode(A: Array, B: Array) -> complex | None:
     """Return an eigenvalue [1/s] that does not decay and that inputs do not reach, None without one."""
-    size = _size(A)
+    size = size_of(A)
     return hidden(A, B, [mode for mode in np.linalg.eigvals(A) if mode.real >= -MARGIN * size], RANK)
 
 
@@ -96,13 +96,14 @@ def costless_mode(A: Array, Q: Array) -> complex | None:
 
     A regulator leaves such a mode as it is; one that grows is brought to rest in any case (Anderson and Moore 1990).
     """
-    near = SPLIT * _size(A)  # what rounding makes of a double eigenvalue
+    near = SPLIT * size_of(A)  # what rounding makes of a double eigenvalue
     modes = [mode for mode in np.linalg.eigvals(A) if abs(mode.real) <= near]
     poles = [complex(0.0, mode.imag if abs(mode.imag) > near else 0.0) for mode in modes]
     return hidden(A.T, Q, poles, RANK)
 
 
-def _size(A: Array) -> float:
+def size_of(A: Array) -> float:
+    """Return the size of a system by which rounding is judged [1/s]."""
     return max(1.0, float(np.abs(A).max(initial=0.0)))
 
 

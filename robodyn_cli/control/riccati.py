@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
-from robodyn_cli.control.lqr import costless_mode, unreachable_mode
+from robodyn_cli.control.lqr import RANK, SPLIT, costless_mode, hidden, size_of, unreachable_mode
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 TRIALS = 4  # disturbed systems that tell how far rounding moves a gain
 SAFETY = 4.0
+GROWN, TOO_GROWN = 1e6, 1e12  # times: what grows so much within a period leaves few digits, and none
+SHORT, TOO_SHORT = 1e-7, 1e-12  # of the time scale of a system: periods this short leave few digits, and none
 ROUNDED = 32.0 * np.finfo(float).eps  # of an entry
 
 
@@ -62,13 +67,15 @@ def cost_of_period(A: Array, B: Array, cost: Cost, period: float) -> Cost:
     return Cost(whole[:n, :n], whole[n:, n:], whole[:n, n:])
 
 
-def optimum(A: Array, B: Array, cost: Cost, period: float | None) -> BestRegulator:
+def optimum(A: Array, B: Array, cost: Cost, period: float | None, integral: bool = False) -> BestRegulator:
     """Return the regulator of a system and a cost, in the form that the period asks for (Anderson and Moore 1990).
+
+    integral : whether with a period the integral of the cost is least, not its sum over samples.
 
     Raises
     ------
     ValueError : in words: some mode that does not decay cannot be reached by the torques, one that stays costs nothing,
-    or there is no solution.
+    the period hides a mode or is too long or too short for double precision, or there is no solution.
     """
     unreachable = unreachable_mode(A, B)
     if unreachable is not None:
@@ -82,13 +89,84 @@ def optimum(A: Array, B: Array, cost: Cost, period: float | None) -> BestRegulat
             f"the mode {costless:.4g} 1/s neither grows nor decays and costs nothing, so it would stay as it is; "
             "allowed: weights `gains.q` and `gains.qd` that see it"
         )
+    if period is not None:
+        grown = float(np.linalg.eigvals(A).real.max()) * period > math.log(TOO_GROWN)
+        if grown or period * size_of(A) < TOO_SHORT:
+            raise ValueError(f"the period leaves no regulator: {_of_period(A, period)}")
+        _refuse_hiding(A, B, cost, period, integral)
     try:
-        return _solved(A, B, cost, period)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            f"the Riccati equation has no solution that stabilises: {error} (a mode that costs nothing and does not "
-            "decay needs a weight)"
-        ) from error
+        own = cost_of_period(A, B, cost, period) if period is not None and integral else cost
+        return _solved(A, B, own, period)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        why = (
+            _of_period(A, period)
+            or "some mode that does not decay is hardly reached, or costs next to nothing"
+        )
+        raise ValueError(f"the Riccati equation has no solution that stabilises: {why}") from error
+
+
+def refuse_unsure(
+    A: Array, B: Array, K: Array, period: float | None, apart: Sequence[tuple[Array, Array]]
+) -> None:
+    """Refuse gains with which rounding decides whether the loop is stable; apart : see ``disturbed``.
+
+    Raises
+    ------
+    ValueError : so it is, with the reason in words.
+    """
+    for a, b in [(A, B), *apart]:
+        if period is None:
+            stable = np.linalg.eigvals(a - b @ K).real.max() < 0.0
+        else:
+            F, G = held(a, b, period)
+            stable = np.abs(np.linalg.eigvals(F - G @ K)).max() < 1.0
+        if not stable:
+            why = _of_period(A, period) or "some mode is hardly reached, or costs next to nothing"
+            raise ValueError(f"rounding decides whether the loop of the best gains is stable: {why}")
+
+
+def _refuse_hiding(A: Array, B: Array, cost: Cost, period: float, integral: bool) -> None:
+    """Refuse periods after which several modes look like one, so that held torques do not reach, or samples do not
+    show, what moves (Kalman, Ho and Narendra 1963)."""
+    modes = np.linalg.eigvals(A)
+    if modes.real.max() * period > math.log(GROWN):
+        return  # nothing can be told of ranks there
+    F, G = held(A, B, period)
+    near = SPLIT * size_of(A)
+    kept = [s for s in modes if s.real >= -near and s.imag > near]
+    for s in kept:
+        z = [complex(np.exp((1j * s.imag + (s.real if s.real > near else 0.0)) * period))]
+        turns = s.imag * period / math.tau
+        words = f"after a period of {period:g} s the mode {s:.4g} 1/s, {turns:.4g} turns on, "
+        if hidden(F, G, z, RANK) is not None:
+            raise ValueError(
+                f"{words}is not reached by torques that are held; allowed: another control.period"
+            )
+        if not integral and s.real <= near and hidden(F.T, cost.Q, z, RANK) is not None:
+            raise ValueError(
+                f"{words}costs nothing at the samples; allowed: another control.period, other weights, or "
+                "control.cost: integral"
+            )
+
+
+def _of_period(A: Array, period: float | None) -> str:
+    """Return in words why a period leaves double precision nothing to tell gains by; nothing where it does."""
+    if period is None:
+        return ""
+    fastest = max(np.linalg.eigvals(A), key=lambda s: float(s.real))
+    growth = float(fastest.real) * period
+    if growth > math.log(GROWN):
+        return (
+            f"within a period of {period:g} s the mode {fastest:.4g} 1/s grows by a factor of "
+            f"10^{growth / math.log(10.0):.0f}, of which rounding leaves nothing that the torques could undo; allowed: "
+            f"a shorter control.period (it grows tenfold in {math.log(10.0) / fastest.real:.2g} s)"
+        )
+    if period * size_of(A) < SHORT:
+        return (
+            f"within a period of {period:g} s nothing moves by more than rounding; allowed: a longer control.period, "
+            "or none, for a law that acts at every instant"
+        )
+    return ""
 
 
 def _solved(A: Array, B: Array, cost: Cost, period: float | None) -> BestRegulator:

@@ -133,6 +133,11 @@ def motion_warnings(run: Run) -> list[str]:
         for key, structure in motion.problem.switching.time_structures
         if not structure.resolved
     ]
+    control = motion.scene.control
+    if control is not None and motion.scene.trajectory is not None and not control.follows:
+        warnings.append(
+            f"control: {control.type!r} holds its pose; it does not follow the 'trajectory', which leads nothing here"
+        )
     if motion.passive:
         from robodyn_cli.motion.failure import start_warnings
 

@@ -12,10 +12,10 @@ from robodyn_cli.control.lqr import Lqr, Regulator
 from robodyn_cli.control.riccati import (
     BestRegulator,
     Cost,
-    cost_of_period,
     disturbed,
     optimum,
     optimum_errors,
+    refuse_unsure,
 )
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.control.model import model_scene, passive_forces
@@ -169,15 +169,12 @@ def _regulated(scene: Scene, linear: Linear, names: tuple[str, ...]) -> tuple[Be
     period = None if controller.period is None else float(controller.period)
     written = Cost(Q, R, np.zeros((2 * f, len(R))))
 
-    def best(A: Array, B: Array) -> BestRegulator:
-        if period is None or controller.cost != "integral":
-            return optimum(A, B, written, period)
-        return optimum(A, B, cost_of_period(A, B, written, period), period)
-
     A, B = linear.A[0], linear.B[0]
+    apart, integral = disturbed(A, B, linear.rounding[0]), controller.cost == "integral"
     try:
-        found = best(A, B)
-        others = [best(*each) for each in disturbed(A, B, linear.rounding[0])]
+        found = optimum(A, B, written, period, integral)
+        refuse_unsure(A, B, found.K, period, apart)
+        others = [optimum(*each, written, period, integral) for each in apart]
     except ValueError as error:
         raise _refusal(scene, str(error)) from None
     return found, optimum_errors(found, others)

@@ -11,18 +11,20 @@ NEVER = "; `null`: never"
 
 @record
 class LoopErrors:
-    """Errors of the margins of a loop: of rounding, through the place where they are taken."""
+    """Errors of the margins of a loop: of rounding, through the place where they are taken; `null`: not known."""
 
-    gain_margin: float = fact("of the gain margin")
-    gain_reduction: float = fact("of the gain reduction")
-    phase_margin: float = fact("of the phase margin", "rad")
-    delay_margin: float = fact("of the delay margin", "s")
-    sensitivity_peak: float = fact("of the peak")
-    gain_frequency: float = fact("of its frequency", "rad/s")
-    reduction_frequency: float = fact("of its frequency", "rad/s")
-    phase_frequency: float = fact("of its frequency", "rad/s")
-    delay_frequency: float = fact("of its frequency", "rad/s")
-    sensitivity_frequency: float = fact("of its frequency", "rad/s")
+    gain_margin: float | None = fact(
+        "of the gain margin; `null`, as of the others: rounding decides about it"
+    )
+    gain_reduction: float | None = fact("of the gain reduction")
+    phase_margin: float | None = fact("of the phase margin", "rad")
+    delay_margin: float | None = fact("of the delay margin", "s")
+    sensitivity_peak: float | None = fact("of the peak")
+    gain_frequency: float | None = fact("of its frequency", "rad/s")
+    reduction_frequency: float | None = fact("of its frequency", "rad/s")
+    phase_frequency: float | None = fact("of its frequency", "rad/s")
+    delay_frequency: float | None = fact("of its frequency", "rad/s")
+    sensitivity_frequency: float | None = fact("of its frequency", "rad/s")
 
 
 @record
@@ -99,8 +101,8 @@ class ClosedLoop:
     sensitivity_frequency: float | None = fact(
         "where that is; `null`: at no finite one", "rad/s", errors=(".frequency_error",)
     )
-    sensitivity_error: float = fact("error of the peak")
-    frequency_error: float = fact("error of its frequency", "rad/s")
+    sensitivity_error: float | None = fact("error of the peak; `null`: not known")
+    frequency_error: float | None = fact("error of its frequency; likewise", "rad/s")
     held_back: dict[str, float] | Absent = fact(
         "torque that the law gives there less what holds the pose, where that is more than rounding, wherever its "
         "states rest: the loop rests elsewhere", "N m or N",

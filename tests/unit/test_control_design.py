@@ -3,14 +3,16 @@ the torques that a run shows."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from robodyn_cli import inverse, linearise, simulate
-from robodyn_cli.control.riccati import Cost, cost_of_period, held, optimum
+from robodyn_cli.control.riccati import Cost, cost_of_period, disturbed, held, optimum, refuse_unsure
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.scene import load_scene_text
 
@@ -131,6 +133,51 @@ def test_the_cost_of_a_period_is_the_integral_and_p_is_the_cost_of_a_sampled_mot
         x = F @ x - G @ best.K @ x
     np.testing.assert_allclose(first @ best.P @ first, total, rtol=1e-9)
     np.testing.assert_allclose(best.L, F - G @ best.K)
+
+
+W = 3.0
+OSCILLATOR = np.array([[0.0, 1.0], [-(W**2), 0.0]]), np.array([[0.0], [1.0]])
+INVERTED = np.array([[0.0, 1.0], [W**2, 0.0]]), np.array([[0.0], [1.0]])
+
+
+@pytest.mark.parametrize(
+    "system, period, integral, why",
+    [
+        # half a turn and a whole one: the samples of the mode are those of a constant
+        (OSCILLATOR, math.pi / W, False, "0.5 turns on, is not reached by torques that are held"),
+        (OSCILLATOR, 2.0 * math.pi / W, True, "1 turns on, is not reached by torques that are held"),
+        (INVERTED, 12.0, True, r"the mode 3 1/s grows by a factor of 10\^16, .*shorter control.period"),
+        (INVERTED, 300.0, False, r"the mode 3 1/s grows by a factor of 10\^391"),
+        (INVERTED, 1e-14, False, "nothing moves by more than rounding; allowed: a longer control.period"),
+    ],
+)
+def test_a_period_without_a_regulator_says_why(system: Any, period: float, integral: bool, why: str) -> None:
+    cost = Cost(np.eye(2), np.eye(1), np.zeros((2, 1)))
+    with pytest.raises(ValueError, match=why):
+        optimum(*system, cost, period, integral)
+    near = optimum(*system, cost, 0.31, integral)
+    refuse_unsure(*system, near.K, 0.31, disturbed(*system, 1e-15 * np.abs(system[0])))
+    assert np.abs(np.linalg.eigvals(near.L)).max() < 1.0
+
+
+def test_modes_that_are_one_at_the_samples_cost_nothing_there() -> None:
+    """Two oscillators, each with a force, apart by a turn a period: of their sum the samples show one."""
+    period = 0.4
+    A, B = np.zeros((4, 4)), np.zeros((4, 2))
+    A[:2, 2:], B[2:] = np.eye(2), np.eye(2)
+    A[2:, :2] = np.diag([-(W**2), -((W + math.tau / period) ** 2)])
+    cost = Cost(np.zeros((4, 4)), np.eye(2), np.zeros((4, 2)))
+    cost.Q[:2, :2] = 1.0
+    with pytest.raises(ValueError, match="costs nothing at the samples; .*control.cost: integral"):
+        optimum(A, B, cost, period)
+    for best in (optimum(A, B, cost, period, integral=True), optimum(A, B, cost, 0.31)):
+        assert np.abs(np.linalg.eigvals(best.L)).max() < 1.0
+
+
+def test_gains_whose_loop_rounding_decides_about_are_refused() -> None:
+    A, B = INVERTED
+    with pytest.raises(ValueError, match="rounding decides whether the loop of the best gains is stable"):
+        refuse_unsure(A, B, np.array([[W**2, 1.0]]), None, disturbed(A, B, 1e-15 * np.abs(A)))
 
 
 def test_the_integral_is_what_a_fast_regulator_goes_to_and_samples_are_not() -> None:

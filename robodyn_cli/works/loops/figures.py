@@ -51,10 +51,10 @@ def _told(of: StabilityMargins) -> LoopMargins:
     kinds.append(("sensitivity", of.sensitivity))
     keys = ("gain_margin", "gain_reduction", "phase_margin", "delay_margin", "sensitivity_peak")
     values: dict[str, Any] = {}
-    errors: dict[str, float] = {}
+    errors: dict[str, float | None] = {}
     for key, (kind, margin) in zip(keys, kinds):
         values[key], values[f"{kind}_frequency"] = _finite(margin.value), _finite(margin.frequency)
-        errors[key], errors[f"{kind}_frequency"] = margin.error, margin.frequency_error
+        errors[key], errors[f"{kind}_frequency"] = _finite(margin.error), _finite(margin.frequency_error)
     return LoopMargins(**values, errors=LoopErrors(**errors))
 
 
@@ -75,8 +75,8 @@ def closed_loop(loop: ControlLoop, words: str, delay: float) -> ClosedLoop:
         delay if sampled else ABSENT,
         _finite(most.value),
         _finite(most.frequency),
-        most.error,
-        most.frequency_error,
+        _finite(most.error),
+        _finite(most.frequency_error),
         loop.standing.left or ABSENT,
         list(loop.standing.saturated) or ABSENT,
         list(loop.law.restless) or ABSENT,
