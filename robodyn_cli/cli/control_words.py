@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.cli.words import error_text, number, table
+from robodyn_cli.summaries.control import OWN_GAINS, is_diagonal
 
 MOST_ROWS = 12  # of a table
 MOST_COLUMNS = 12  # of the matrix of gains
@@ -84,7 +85,7 @@ def gains_table(gains: Mapping[str, Mapping[str, float]], control: Mapping[str, 
     """Return gains as a table with a line for each column of the matrix, whose rows are few: the driven joints."""
     errors, units, of = control.get("gain_errors"), control["row_units"], control["column_units"]
     rows, columns = list(gains), list(next(iter(gains.values())))
-    if errors is None and _is_diagonal(gains):
+    if errors is None and is_diagonal(gains):
         return _diagonal(gains, units)
     shown, names = rows[:MOST_ROWS], columns[:MOST_COLUMNS]
     head = ["gain of", *(f"{row} [{units[row]}]" for row in shown)]
@@ -100,19 +101,11 @@ def gains_table(gains: Mapping[str, Mapping[str, float]], control: Mapping[str, 
     return "\n" + table(lines) + more
 
 
-def _is_diagonal(gains: Mapping[str, Mapping[str, float]]) -> bool:
-    """Tell whether each row has gains of its own coordinate alone."""
-    n = len(gains)
-    return all(
-        not x or j % n == k for k, row in enumerate(gains.values()) for j, x in enumerate(row.values())
-    )
-
-
 def _diagonal(gains: Mapping[str, Mapping[str, float]], units: Mapping[str, str]) -> str:
     """Return gains as a table with a line for each row: of its own coordinate, of the rate, of the integral."""
     n = len(gains)
     columns = list(next(iter(gains.values())))
-    head = ["gains", "", *("position", "rate", "integral")[: len(columns) // n]]
+    head = ["gains", "", *OWN_GAINS[: len(columns) // n]]
     lines = [
         [row, f"[{units[row]}]", *(number(entries[name]) for name in columns[k::n])]
         for k, (row, entries) in enumerate(gains.items())

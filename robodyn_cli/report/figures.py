@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.record import record
+from robodyn_cli.report.cells import Table, figure, is_number, spaced
+from robodyn_cli.report.control_figures import control_tables, loop_note
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
 from robodyn_cli.summaries.control import POLE_UNIT
@@ -20,52 +20,20 @@ MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
 
 
-@record
-class Table:
-    """A table of text; the first column names its rows."""
-
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-def figure(value: Any, error: Any = None, unit: str = "") -> str:
-    """Return a number, its error where one is known, and its unit if it has one: ``12.2829956 ± 5e-13 s``."""
-    if not _is_number(value):
-        return "-" if value is None else str(value)
-    known = _is_number(error)
-    text = f"{value:.{_digits(abs(float(value)), float(error)) if known else 6}g}"
-    return f"{text}{f' ± {rounded_up(float(error), 1):.1g}' if known else ''}{_spaced(unit)}"
-
-
-def _spaced(unit: str) -> str:
-    return f" {unit}" if unit not in ("", "1") else ""
-
-
-def _digits(size: float, error: float) -> int:
-    """Return how many digits of a number its error leaves: 6 to 10, for more are hard to read."""
-    if size == 0.0 or not error > 0.0:
-        return 10
-    return min(10, max(6, math.ceil(math.log10(size / error))))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def tables(result: Result) -> list[Table]:
     """Return the main figures of a result; none of a command that has no small tables."""
     if result.command not in COMMANDS:
         return []
     listed = TABLES.get(result.command, _declared)(result, result.summary)
-    return [table for table in listed if table.rows]
+    return [table for table in [*listed, *control_tables(result.summary)] if table.rows]
 
 
 def notes(result: Result) -> list[str]:
     """Return what else is to be known of a result, a sentence each: its lock, its errors, warnings."""
     summary = result.summary
-    sentences = _lock(summary)
+    sentences = [*_lock(summary), *loop_note(summary)]
     sentences += [
-        f"{one.words} {rounded_up(one.value):.2g}{_spaced(one.statement.unit)}"
+        f"{one.words} {rounded_up(one.value):.2g}{spaced(one.statement.unit)}"
         for one in stated(summary)
         if one.statement.is_main
     ]
@@ -94,26 +62,46 @@ def _lock(summary: Summary) -> list[str]:
 
 def _declared(result: Result, summary: Summary) -> list[Table]:
     """Return the tables of the figures that have a column, one for each kind of names (joints, points)."""
+    # the last state has a table of its own
     columns = {
-        steps: leaf for steps, leaf in leaves_of(result.command) if leaf.fact.column and steps[1].isupper()
+        steps: leaf
+        for steps, leaf in leaves_of(result.command)
+        if leaf.fact.column and _named(steps) and steps[0] != "final"
     }
     coordinates = _coordinates(result)
     listed = []
-    for kind in dict.fromkeys(steps[1] for steps in columns):
-        own = {steps: leaf for steps, leaf in columns.items() if steps[1] == kind and _at(summary, steps[0])}
-        names = list(_at(summary, next(iter(own))[0])) if own else []
+    for kind in dict.fromkeys(map(_kind, columns)):
+        own = {
+            steps: leaf
+            for steps, leaf in columns.items()
+            if _kind(steps) == kind and _at(summary, *steps[: _named(steps)])
+        }
+        first = next(iter(own), ())
+        names = list(_at(summary, *first[: _named(first)])) if own else []
         rows = [
             [name, *(_cell(summary, *column, name, coordinates) for column in own.items())] for name in names
         ]
-        listed.append(Table((kind.lower(), *(leaf.fact.column for leaf in own.values())), rows))
+        listed.append(Table((kind[-1].lower(), *(leaf.fact.column for leaf in own.values())), rows))
     return [*listed, *_drives(summary)]
+
+
+def _named(steps: Sequence[str]) -> int:
+    """Return which step of a key is that of names, 0 if none is."""
+    return next((k for k, step in enumerate(steps) if step.isupper()), 0)
+
+
+def _kind(steps: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what the columns of one table share: the kind of their names, below a section where they lie too."""
+    k = _named(steps)
+    return steps[k : k + 1] if k == 1 else steps[: k + 1]
 
 
 def _cell(
     summary: Summary, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
 ) -> str:
     """Return a figure of a joint, a point or a column, with its error and unit as its declaration says."""
-    own, beside = dataclasses.replace(leaf, names=(name,)), (steps[0], name, *steps[2:-1])
+    k = _named(steps)
+    own, beside = dataclasses.replace(leaf, names=(name,)), (*steps[:k], name, *steps[k + 1 : -1])
     error = _larger(
         *(
             _at(summary, *beside, *key[1:].split("."))
@@ -122,13 +110,17 @@ def _cell(
             for key, named in zip(leaf.fact.errors, own.errors)
         )
     )
-    return figure(_at(summary, steps[0], name, *steps[2:]), error, own.unit(coordinates))
+    value = _at(summary, *steps[:k], name, *steps[k + 1 :])
+    if value is None and leaf.fact.infinite:
+        return "no limit"
+    return figure(value, error, own.unit(coordinates))
 
 
 def _coordinates(result: Result) -> dict[str, str]:
     """Return the units of coordinates, ``rad`` or ``m``, by their names."""
     rates = {name: unit.removesuffix("/s") for name, unit in _units(result, "qd").items()}
-    columns = result.summary.get("extremes") or {}
+    control = result.summary.get("control") or {}
+    columns = {**(control.get("tracking") or {}), **(result.summary.get("extremes") or {})}
     return {**rates, **_units(result, "q"), **{name: str(row["unit"]) for name, row in columns.items()}}
 
 
@@ -154,7 +146,7 @@ def _error_of(result: Result, *steps: str) -> float | None:
 
 def _larger(*errors: Any) -> float | None:
     """Return the largest error of those that are known."""
-    return max((x for x in errors if _is_number(x)), default=None)
+    return max((x for x in errors if is_number(x)), default=None)
 
 
 def _drives(summary: Summary) -> list[Table]:
@@ -270,9 +262,10 @@ def _modes(result: Result, summary: Summary) -> list[Table]:
     for mode in summary.get("modes", ()):
         beside = f" ± {mode['imaginary']:.6g}i" if mode["imaginary"] else ""
         pole = f"{mode['real']:.6g}{beside} 1/s"
-        off = rounded_up(mode["error"], 1) if _is_number(mode["error"]) else None
+        off = rounded_up(mode["error"], 1) if is_number(mode["error"]) else None
         rows.append([pole, "-" if off is None else f"{off:.1g} 1/s", figure(mode["damping"])])
-    return [Table(("pole", "off by", "damping"), rows)]
+    pole = "pole without control" if "closed_loop" in summary else "pole"
+    return [*_declared(result, summary), Table((pole, "off by", "damping"), rows)]
 
 
 def _crosschecked(result: Result, summary: Summary) -> list[Table]:
@@ -307,7 +300,7 @@ def _trials(result: Result, summary: Summary) -> list[Table]:
 
 
 def _off(error: float | None) -> str:
-    return f"{rounded_up(error):.2g}" if error is not None and _is_number(error) else "-"
+    return f"{rounded_up(error):.2g}" if error is not None and is_number(error) else "-"
 
 
 # tables that are more than the columns of their records

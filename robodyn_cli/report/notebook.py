@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURE_WIDTH = 480  # pixels on the screen; the picture has more, for dense ones
+# what is drawn beside the tables: the first of these that there is, or of all plots, and what comes after it
+FIRST, BESIDE = ("nyquist", "mechanism"), ("tracking",)
 PADDING = "padding:0.1em 0.6em"
 
 
@@ -50,19 +52,23 @@ def png(figure: Figure) -> bytes:
 
 
 def as_html(result: Result) -> str:
-    """Return what a notebook shows: tables, notes, and the mechanism, or else the first plot with data."""
+    """Return what a notebook shows: tables, notes, and the loop, the mechanism, or else the first plot with data; of a
+    controller how it follows, too."""
     from robodyn_cli.report.registry import applicable, draw
 
     possible = applicable(result)
-    shown = next((name for name in ("mechanism", *possible) if name in possible), None)
-    picture = ""
-    if shown is not None:
-        data = base64.b64encode(png(draw(result, shown))).decode()
-        picture = f'<img alt="{shown}" width="{PICTURE_WIDTH}" src="data:image/png;base64,{data}">'
+    first = next((name for name in (*FIRST, *possible) if name in possible), None)
+    shown = [name for name in dict.fromkeys((first, *BESIDE)) if name in possible]
+    pictures = "".join(_picture(name, png(draw(result, name))) for name in shown if name is not None)
     head = f"<b>{html.escape(result.title)}</b><br>{html.escape(f'{result.command}: {result.status}')}"
     said = "".join(f"<br>{html.escape(text)}" for text in notes(result))
     left = f"<div><p>{head}{said}</p>{''.join(_table(table) for table in tables(result))}</div>"
-    return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:flex-start">{left}{picture}</div>'
+    return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:flex-start">{left}{pictures}</div>'
+
+
+def _picture(name: str, content: bytes) -> str:
+    data = base64.b64encode(content).decode()
+    return f'<img alt="{name}" width="{PICTURE_WIDTH}" src="data:image/png;base64,{data}">'
 
 
 def _table(table: Table) -> str:

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import ABSENT, LOAD, OWN, Absent, fact
 
+# columns of gains of one's own coordinate alone
+OWN_GAINS = ("position", "rate", "integral")
 STATE = "STATE"  # a row or a column of a matrix
 POLE_UNIT = "1/s; of a sampled one 1"
+
+
+def is_diagonal(gains: Mapping[str, Mapping[str, float]]) -> bool:
+    """Tell whether each row of a matrix by names has gains of its own coordinate alone."""
+    n = len(gains)
+    return all(
+        not x or j % n == k for k, row in enumerate(gains.values()) for j, x in enumerate(row.values())
+    )
 
 
 @record
@@ -22,9 +34,11 @@ class TrackingErrors:
 class Tracking:
     """Error of one coordinate."""
 
-    peak: float = fact("largest magnitude of reference less motion", OWN, errors=(".errors.peak",))
-    at: float = fact("when it is largest", "s", errors=(".errors.at",))
-    rms: float = fact("root of the mean squared error", OWN, errors=(".errors.rms",))
+    peak: float = fact(
+        "largest magnitude of reference less motion", OWN, errors=(".errors.peak",), column="largest error"
+    )
+    at: float = fact("when it is largest", "s", errors=(".errors.at",), column="at")
+    rms: float = fact("root of the mean squared error", OWN, errors=(".errors.rms",), column="RMS error")
     errors: TrackingErrors = fact("errors of these figures")
     unit: str = fact("of the coordinate")
 

@@ -36,12 +36,14 @@ class LoopMargins:
             "least factor above 1 by which its gain may grow until it is not stable; `null`: it may grow without bound "
             "(1e12 times at least); 1 where it is not stable",
             errors=(".errors.gain_margin",),
+            column="gain up to",
         )
     )
     gain_frequency: float | None = fact("where that is" + NEVER, "rad/s", errors=(".errors.gain_frequency",))
     gain_reduction: float = fact(
         "largest factor below 1 to which its gain may fall; 0: it may be nothing; 1 where it is not stable",
         errors=(".errors.gain_reduction",),
+        column="gain down to",
     )
     reduction_frequency: float | None = fact(
         "where that is" + NEVER, "rad/s", errors=(".errors.reduction_frequency",)
@@ -51,6 +53,7 @@ class LoopMargins:
             "turn of least size that makes it not stable, later positive; `null`: none; 0 where it is not stable",
             "rad",
             errors=(".errors.phase_margin",),
+            column="phase margin",
         )
     )
     phase_frequency: float | None = fact(
@@ -62,6 +65,7 @@ class LoopMargins:
             "model with that delay under the hold; `null`: any; 0 where it is not stable",
             "s",
             errors=(".errors.delay_margin",),
+            column="delay margin",
         )
     )
     delay_frequency: float | None = fact(
@@ -71,6 +75,7 @@ class LoopMargins:
         fact(
             "largest 1 / |1 + L|, one over the least distance of L from -1; `null`, infinite, where it is not stable",
             errors=(".errors.sensitivity_peak",),
+            column="largest sensitivity",
         )
     )
     sensitivity_frequency: float | None = fact(

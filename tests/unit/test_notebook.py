@@ -17,6 +17,7 @@ import robodyn
 from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, simulate, statics
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.figures import figure, notes, tables
+from robodyn_cli.scene import load_scene_text
 from tests.unit.synthetic_results import inverse_result
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -173,3 +174,61 @@ def test_what_asks_commands_shows_its_figures(command: str) -> None:
     name, value = ROWS[command]
     (row,) = [row for row in page.rows if row[0] == name]
     assert re.fullmatch(value, row[1]), row
+
+
+PENDULUM = """\
+schema: 1
+title: Pendulum
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: hinge, type: revolute, axis: [0, 0, 1], damper: {damping: 0.2}}]
+  links: [{name: rod, mass: 2, com: [0.4, 0, 0], inertia: {zz: 0.11}}]
+initial: {q: {hinge: 30 deg}}
+simulate: {duration: 2, samples: 101}
+outputs: {response: true}
+trajectory: {type: joint, duration: 2, q: {hinge: 45 deg}}
+"""
+
+
+def test_a_controller_shows_its_gains_how_it_follows_and_its_response() -> None:
+    result = simulate(
+        load_scene_text(f"{PENDULUM}control: {{type: pid, gains: {{kp: 60, ki: 40, kd: 6}}}}\n")
+    )
+    page = Page(result._repr_html_())
+    heads = {tuple(row) for row in page.rows}
+    assert ("gains", "position", "rate", "integral") in heads and ("hinge [N m]", "60", "6", "40") in heads
+    own = result.summary
+    told = [row for row in page.rows if row[0] == "hinge"]
+    assert len(told) == 3 and len(page.pictures) == 2  # its last state, its way, its response
+    followed, response = told[1:]
+    peak, rise = own["control"]["tracking"]["hinge"], own["response"]["hinge"]
+    for cell, value, error, unit in (
+        (followed[1], peak["peak"], peak["errors"]["peak"], "rad"),
+        (response[2], rise["rise"], rise["errors"]["rise"], "s"),
+        (response[6], rise["effort"], rise["errors"]["effort"], r"\(N m\)\^2 s"),
+    ):
+        shown, bound = re.fullmatch(rf"(\S+) ± (\S+) {unit}", cell).groups()  # type: ignore[union-attr]
+        assert float(shown) == pytest.approx(value, rel=1e-5) and float(bound) >= error
+
+
+def test_a_regulator_shows_its_gains_with_their_errors_and_the_poles_of_its_loop() -> None:
+    law = "{type: lqr, pose: {hinge: 90 deg}, gains: {q: 10, qd: 1, tau: 0.1}}"
+    result = simulate(
+        load_scene_text(f"{PENDULUM}control: {law}\n".replace("outputs: {response: true}\n", ""))
+    )
+    rows = {row[0]: row[1:] for row in Page(result._repr_html_()).rows}
+    gain = result.summary["control"]["gains"]["hinge"]["qd.hinge"]
+    assert rows["gain of"] == ["hinge [N m]"] and rows["pole of the loop [1/s]"] == ["off by"]
+    assert re.fullmatch(rf"{gain:.6g}\d* ± \S+e-1\d", rows["qd.hinge [rad/s]"][0])
+
+
+def test_a_loop_shows_its_margins_and_whether_it_is_stable() -> None:
+    law = "type: pid, gains: {kp: 60, ki: 40, kd: 6}"
+    for more, limit in ((", period: 0.01, delay: 0.013", False), ("", True)):
+        result = robodyn.linearise(load_scene_text(f"{PENDULUM}control: {{{law}{more}}}\n"))
+        page = Page(result._repr_html_())
+        (row,) = [row for row in page.rows if row[0] == "hinge"]
+        assert (row[1] == "no limit") == limit and re.fullmatch(r"\S+ ± \S+ rad", row[3])
+        assert "loop with the controller: stable" in page.text
+        assert ["pole without control", "off by", "damping"] in page.rows
+        assert [f"pole of the loop [{'1/s' if limit else 'per sample'}]", "off by"] in page.rows
