@@ -256,7 +256,7 @@ def _spreads(summary: Mapping[str, Any]) -> list[str]:
 def _with_error(summary: Mapping[str, Any], key: str) -> str:
     """Return a figure and the largest of the errors that its declaration names."""
     from robodyn_cli.over.batch.criteria import lookup_number
-    from robodyn_cli.report.figures import figure
+    from robodyn_cli.report.cells import figure
     from robodyn_cli.summaries.keys import leaf_of
 
     value, leaf = lookup_number(summary, key), leaf_of("sweep", key)
