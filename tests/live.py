@@ -16,7 +16,7 @@ from robodyn_cli.scene.load import Family
 from tests.node import run_node
 from tests.source import PACKAGE
 
-SCRIPTS = [PACKAGE / "report" / "page" / f"{name}.js" for name in ("rules", "runner", "sweep")]
+SCRIPTS = [PACKAGE / "report" / "page" / f"{name}.js" for name in ("rules", "runner", "given", "sweep")]
 RUN = """
 const runner = await Runner.of(data.live, Uint8Array.from(Buffer.from(data.code, 'base64')));
 return data.rows.map((row) => runner.run(row));

@@ -9,7 +9,7 @@ count, and the differences divided by the same.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,19 +48,25 @@ class Rounded:
         shape = (*([] if runs is None else [runs.runs]), DRAWS + 1, samples)
         factors = itertools.cycle(1.0 + ENLARGED * UNIT * _changes(PATTERNS, samples))
         numbers = RoundedNumbers(runs, factors)
-        value: dict[int, Any] = {}
         with np.errstate(all="ignore"):
-            for node in self.nodes:
-                if node.op == "sym":
-                    _, group, position = node.value
-                    value[node.index] = inputs[group][:, position] * next(factors)
-                elif node.op == "const":
-                    value[node.index] = numbers(node.value)
-                else:
-                    exact = numbers.apply(node, [value[a.index] for a in node.args])
-                    value[node.index] = exact if node.op in EXACT else exact * next(factors)
-            columns = [value[e.index] if isinstance(e, Expr) else numbers(e) for e in self.outputs]
+            columns = self.made(lambda group, position: inputs[group][:, position], numbers, factors)
         return np.stack([np.broadcast_to(x, shape) for x in columns], axis=-1)
+
+    def made(
+        self, symbol: Callable[[str, int], Any], numbers: RoundedNumbers, factors: Iterator[Any]
+    ) -> list[Any]:
+        """Return the outputs; symbol : of a group, by its position. Symbols and factors are arrays, or expressions."""
+        value: dict[int, Any] = {}
+        for node in self.nodes:
+            if node.op == "sym":
+                _, group, position = node.value
+                value[node.index] = symbol(group, position) * next(factors)
+            elif node.op == "const":
+                value[node.index] = numbers(node.value)
+            else:
+                exact = numbers.apply(node, [value[a.index] for a in node.args])
+                value[node.index] = exact if node.op in EXACT else exact * next(factors)
+        return [value[e.index] if isinstance(e, Expr) else numbers(e) for e in self.outputs]
 
 
 class RoundedNumbers:
@@ -71,7 +77,7 @@ class RoundedNumbers:
     runs : numbers of the scene in many runs; None: as they are. factors : what each result is multiplied by.
     """
 
-    def __init__(self, runs: ManyNumbers | None, factors: Iterator[Array]) -> None:
+    def __init__(self, runs: ManyNumbers | None, factors: Iterator[Any]) -> None:
         self._runs, self._factors = runs, factors
         self._known: dict[int, Any] = {}  # numbers of the scene, by identity
 
@@ -131,7 +137,8 @@ def largest_difference(draws: Array) -> float | None:
 def largest_differences(draws: Array) -> Array:
     """Return how far draws (run, draw, ...) of a figure lie from draw 0 at most (run,)."""
     away = np.abs(draws[:, 1:] - draws[:, :1])
-    return np.asarray(away.reshape(len(draws), -1).max(axis=1, initial=0.0)) / ENLARGED
+    most: Array = away.reshape(len(draws), -1).max(axis=1, initial=0.0) / ENLARGED
+    return most
 
 
 def few(samples: int, most: int = MOST_SAMPLES) -> Array:

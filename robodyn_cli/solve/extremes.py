@@ -14,7 +14,6 @@ Functions that jump at known places are taken in pieces, as in ``quadrature``. S
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from functools import lru_cache, reduce
 
@@ -26,7 +25,8 @@ from robodyn_cli.solve.quadrature import (
     POINTS,
     Breaks,
     Figure,
-    gaps_between,
+    Hidden,
+    hidden_jumps,
     integrate,
     integrate_positive,
     pieces,
@@ -41,14 +41,10 @@ from robodyn_cli.spatial.algebra import Array
 TRIES = 3  # places of the largest samples that are looked at
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
 BETWEEN = np.linspace(0.0, 1.0, 17)[:, None]  # between neighbours, where a polynomial is evaluated first
-FEW = 64  # jumps of a function that are looked for
-HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
-ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 ROUNDED = 1e-12  # part of a value by which rounding makes equal ones differ
 NOISE = 4e-15  # part of a value, rounding that moves the place of a flat top
 FLAT = 1e-13  # part of the values that a polynomial goes through, by which its rounding changes it
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
-Hidden = Sequence[int]
 
 
 @record
@@ -85,7 +81,7 @@ def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     if not y.shape[1]:
         return Extreme(*np.zeros((5, 0)))
     return _gathered(
-        [_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(times, y, breaks)]
+        [_largest(times, y[:, own], breaks, hidden) for own, hidden in hidden_jumps(times, y, breaks)]
     )
 
 
@@ -150,44 +146,6 @@ def _gathered(parts: Sequence[Extreme]) -> Extreme:
     return Extreme(**fields)
 
 
-def _hidden(times: Array, y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
-    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it."""
-    if len(y) < 2 * POINTS:
-        return [(slice(None), ())]
-    rough = np.abs(np.diff(y, POINTS, axis=0))
-    for x in [*breaks, *gaps_between(times)]:
-        rough[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = 0.0
-    doubtful = rough.max(axis=0) > HIDDEN * np.ptp(y, axis=0)
-    jumps = {k: _jumps(rough[:, k], float(np.ptp(y[:, k]))) for k in np.flatnonzero(doubtful).tolist()}
-    found: list[tuple[slice, Hidden]] = []
-    first = 0
-    for k in [*(k for k, own in jumps.items() if own), y.shape[1]]:
-        if first < k:
-            found.append((slice(first, k), ()))
-        if k < y.shape[1]:
-            found.append((slice(k, k + 1), jumps[k]))
-        first = k + 1
-    return found
-
-
-def _jumps(rough: Array, size: float) -> list[int]:
-    """Return the samples behind which a function jumps or bends, from the magnitudes of its sixth differences.
-
-    A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other.
-    """
-    found: list[int] = []
-    least = max(HIDDEN * size, ALONE * float(rough.max(initial=0.0)))
-    while len(found) < FEW and rough.max() > least:
-        i = int(rough.argmax())
-        before, behind = (rough[k] if 0 <= k < len(rough) else 0.0 for k in (i - 1, i + 1))
-        k = i + POINTS // 2 - (before > behind)
-        around = [rough[x] for x in (k - POINTS, k + 1) if 0 <= x < len(rough)]
-        if max(around, default=0.0) < ALONE * rough[i]:
-            found.append(k)
-        rough[max(k - POINTS + 1, 0) : k + 1] = 0.0
-    return sorted(found)
-
-
 def largest_magnitude(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest magnitudes of y (T, n), see ``largest``."""
     return largest(times, y, breaks).or_larger(largest(times, -y, breaks))
@@ -229,8 +187,8 @@ def root_mean_square(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array
 
 def _summed(figure: Figure, times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
     """Return the sum of a figure (n,) over the stretches of time in which samples are uniform, and its error."""
-    values, errors = np.zeros(y.shape[1]), np.zeros(y.shape[1])
-    for own, hidden in _hidden(times, y, breaks):
+    values, errors = np.zeros_like(y[0]), np.zeros_like(y[0])
+    for own, hidden in hidden_jumps(times, y, breaks):
         # where the jump is between its two samples is not known: in the middle
         places = [*breaks, *(k + 0.5 for k in hidden)]
         values[own] = summed(figure, times, y[:, own], places)
@@ -314,7 +272,7 @@ def _highest(bound: Array) -> Array:
         places.append(np.argmax(bound, axis=0))
         for k in (-1, 0, 1):
             bound[np.clip(places[-1] + k, 0, len(bound) - 1), columns] = -np.inf
-    return np.array(places)
+    return np.stack(places)
 
 
 def _anywhere(found: Extreme, y: Array, near: Array) -> Extreme:
@@ -331,14 +289,15 @@ def _anywhere(found: Extreme, y: Array, near: Array) -> Extreme:
 
 def _near(rough: Array, samples: int) -> Array:
     """Return the largest of the differences in which a sample takes part (T, n)."""
-    found = np.zeros((samples, rough.shape[1]))
-    for k in range(samples - len(rough) + 1):
-        part = found[k : k + len(rough)]
-        np.maximum(part, rough, out=part)
+    order = samples - len(rough)
+    none = np.zeros((order, rough.shape[1]))
+    padded = np.concatenate([none, rough, none]) if order else rough
+    found: Array = reduce(np.maximum, [padded[k : k + samples] for k in range(order + 1)])
     # a jump beside the first or the last sample appears in one difference alone
-    for ends in (found[:2], found[-2:]):
-        ends *= OUTSIDE
-    return found
+    outside = np.ones((samples, 1))
+    outside[:2] *= OUTSIDE
+    outside[-2:] *= OUTSIDE
+    return found * outside
 
 
 def _tops(y: Array, low: Array, high: Array) -> Array:

@@ -177,6 +177,26 @@ class Hold:
         return Shared(terms, lam, self.N, freedom, commanded, *unique, residual, self.tolerance)
 
 
+def borne(psi: Array, actuated: Sequence[int], load: Array) -> Array:
+    """Return the torques (T, n) of actuators that bear a load u (T, nv) with the loops, of which there are just as many
+    as it takes: B tau + Psi^T lambda = u, where (B, Psi^T) has an inverse."""
+    nv = load.shape[1]
+    B = np.broadcast_to(np.eye(nv)[:, list(actuated)], (len(load), nv, len(actuated)))
+    both = np.concatenate([B, np.swapaxes(psi, 1, 2)], axis=2)
+    found: Array = np.linalg.solve(both, load[:, :, None])[:, : len(actuated), 0]
+    return found
+
+
+def borne_least(psi: Array, actuated: Sequence[int], load: Array, tolerance: float = RANK) -> Array:
+    """Return the torques (T, n) of least norm that bear a load u (T, nv) with the loops, whatever the rank of Psi.
+
+    P = 1 - Psi^+ Psi projects onto the motions that the loops allow: P B tau = P u.
+    """
+    P = np.eye(psi.shape[2]) - np.linalg.pinv(psi, rcond=tolerance) @ psi
+    found: Array = (np.linalg.pinv(P[:, :, list(actuated)], rcond=RANK) @ (P @ load[:, :, None]))[:, :, 0]
+    return found
+
+
 def _freedom(psi: Array, tolerance: float) -> tuple[Array, int, Array]:
     """Return N and the rank as of ``allowed_motions``, and (Psi^T)^+ (T, m, nv)."""
     U, ranks, Vt, s = _decomposed(psi, tolerance)

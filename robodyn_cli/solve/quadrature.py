@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, wraps
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from robodyn_cli.spatial.algebra import Array
 
 POINTS = 6
 Breaks = Sequence[float]
+Hidden = Sequence[int]
 Figure = Callable[[Array, float, Breaks], Array]
 SPACED = 3  # samples between breaks, at least
 ALONE = 6.0  # steps between switches that are cut at
@@ -37,7 +38,25 @@ BESIDE = 1e-15  # of its place: as near to that sample pieces end
 ALIKE = 1e-9  # of the longest step, by which equal ones differ
 GAP = 1e-3  # of the steps around it: a step no longer stands for a jump
 OUTSIDE = 10.0  # times the bound of errors: beyond samples, and for a jump beside the first or the last one
+FEW = 64  # jumps of a function that are looked for
+HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
+APART = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
+DIFFERED = 3e-13  # part of a value, of which rounding alone makes sixth differences
 INTEGRAL = 10.0 / 64.0  # of an integral over that of values
+
+
+def of_any_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that arrays of other kinds than numpy's answer themselves, as they answer those of numpy
+    (``__array_function__``): what is recorded (``over/live/rules.py``) cannot branch on values."""
+
+    @wraps(function)
+    def asked(*args: Any) -> Any:
+        for x in args:
+            if isinstance(x, np.lib.mixins.NDArrayOperatorsMixin):
+                return x.__array_function__(asked, (type(x),), args, {})  # type: ignore[attr-defined]
+        return function(*args)
+
+    return asked
 
 
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
@@ -60,19 +79,18 @@ def integrate_positive(y: Array, h: float, breaks: Breaks = ()) -> Array:
         if len(own) > 1:
             integrals += _positive_part(own, h)
         for (first, last), near in _ends(len(own), low, high):
-            integrals += [h * _positive_piece(column, first, last) for column in own[near].T]
+            near_it = own[near]
+            every = np.ones((1, y.shape[1]), dtype=bool)
+            integrals += h * positive_parts(near_it, np.array([first]), np.array([last]), every)[0]
     return integrals
 
 
 def _positive_part(y: Array, h: float) -> Array:
     """Return the integrals (n,) of max(y, 0) over all intervals between samples (T, n)."""
-    pieces = np.where((y[:-1] > 0.0) & (y[1:] > 0.0), _increments(y, h), 0.0)
+    whole = np.where((y[:-1] > 0.0) & (y[1:] > 0.0), _increments(y, h), 0.0)
     mixed = (y[:-1] > 0.0) != (y[1:] > 0.0)
-    for k, column in np.argwhere(mixed):
-        first, place = _stencil(len(y), k)
-        points = min(POINTS, len(y))
-        pieces[k, column] = h * _positive_piece(y[first : first + points, column], place, place + 1)
-    return np.asarray(pieces.sum(axis=0))
+    first = np.arange(len(y) - 1.0)
+    return (whole + h * positive_parts(y, first, first + 1.0, mixed)).sum(axis=0)
 
 
 def pieces(samples: int, breaks: Breaks) -> Iterator[tuple[slice, float, float]]:
@@ -232,7 +250,7 @@ def summed(figure: Figure, times: Array, y: Array, breaks: Breaks = ()) -> Array
             if reach.any():
                 far = np.repeat(reach, y.shape[1])
                 middle = end[0] + 0.5 * far * (end[0] - end[1])
-                own = own + far * figure(np.array([middle, middle]), 1.0, ())
+                own = own + far * figure(np.stack([middle, middle]), 1.0, ())
         total += (part.step[:, None] * own.reshape(len(part.step), -1)).sum(axis=0)
     return total
 
@@ -252,6 +270,52 @@ def running(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, float]:
             parts[first:last] = _increments(own, h)[:, 0]
             error += float(sampling_error(own, h)[0])
     return np.concatenate([[0.0], np.cumsum(parts)]), error
+
+
+@of_any_arrays
+def hidden_jumps(times: Array, y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
+    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it."""
+    if len(y) < 2 * POINTS:
+        return [(slice(None), ())]
+    rough, doubtful = doubts(times, y, breaks)
+    jumps = {k: _jumps(rough[:, k], float(np.ptp(y[:, k]))) for k in np.flatnonzero(doubtful).tolist()}
+    found: list[tuple[slice, Hidden]] = []
+    first = 0
+    for k in [*(k for k, own in jumps.items() if own), y.shape[1]]:
+        if first < k:
+            found.append((slice(first, k), ()))
+        if k < y.shape[1]:
+            found.append((slice(k, k + 1), jumps[k]))
+        first = k + 1
+    return found
+
+
+def doubts(times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
+    """Return the sixth differences of y (T, n) away from breaks, and which columns they may show a jump of (n,)."""
+    away = np.ones((len(y) - POINTS, 1), dtype=bool)
+    for x in [*breaks, *gaps_between(times)]:
+        away[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = False
+    rough = np.where(away, np.abs(np.diff(y, POINTS, axis=0)), 0.0)
+    least = np.maximum(HIDDEN * np.ptp(y, axis=0), DIFFERED * np.abs(y).max(axis=0))
+    return rough, rough.max(axis=0) > least
+
+
+def _jumps(rough: Array, size: float) -> list[int]:
+    """Return the samples behind which a function jumps or bends, from the magnitudes of its sixth differences.
+
+    A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other.
+    """
+    found: list[int] = []
+    least = max(HIDDEN * size, APART * float(rough.max(initial=0.0)))
+    while len(found) < FEW and rough.max() > least:
+        i = int(rough.argmax())
+        before, behind = (rough[k] if 0 <= k < len(rough) else 0.0 for k in (i - 1, i + 1))
+        k = i + POINTS // 2 - (before > behind)
+        around = [rough[x] for x in (k - POINTS, k + 1) if 0 <= x < len(rough)]
+        if max(around, default=0.0) < APART * rough[i]:
+            found.append(k)
+        rough[max(k - POINTS + 1, 0) : k + 1] = 0.0
+    return sorted(found)
 
 
 def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:
@@ -284,16 +348,36 @@ def _increments(y: Array, h: float) -> Array:
     """Return the integrals (T - 1, n) over each interval."""
     samples = len(y)
     points = min(POINTS, samples)
-    out = np.zeros((samples - 1, y.shape[1]))
     middle = points // 2 - 1
     inner = samples - points + 1  # intervals whose stencil is centred
     w = _weights(points, middle, middle + 1)
-    for j in range(points):
-        out[middle : middle + inner] += w[j] * y[j : j + inner]
-    for k in [*range(middle), *range(middle + inner, samples - 1)]:
-        first, place = _stencil(samples, k)
-        out[k] = _weights(points, place, place + 1) @ y[first : first + points]
+    own = sum(w[j] * y[j : j + inner] for j in range(1, points)) + w[0] * y[:inner]
+    ends = [
+        [_of_interval(y, k)[None] for k in places]
+        for places in (range(middle), range(middle + inner, samples - 1))
+    ]
+    out: Array = np.concatenate([*ends[0], own, *ends[1]])
     return h * out
+
+
+def _of_interval(y: Array, k: int) -> Array:
+    """Return the integrals (n,) over interval k, in steps."""
+    points = min(POINTS, len(y))
+    first, place = _stencil(len(y), k)
+    found: Array = _weights(points, place, place + 1) @ y[first : first + points]
+    return found
+
+
+@of_any_arrays
+def positive_parts(y: Array, first: Array, last: Array, chosen: NDArray[np.bool_]) -> Array:
+    """Return the integrals (R, n) of max(y, 0) from places ``first`` to ``last`` (R,), in steps, of the polynomials
+    through the nearest samples of y (T, n); zero where they are not chosen (R, n)."""
+    found = np.zeros((len(first), y.shape[1]))
+    for row, column in np.argwhere(chosen):
+        begin, _ = _stencil(len(y), math.floor(first[row]))
+        near = y[begin : begin + POINTS, column]
+        found[row, column] = _positive_piece(near, first[row] - begin, last[row] - begin)
+    return found
 
 
 def _positive_piece(y: Array, first: float, last: float) -> float:

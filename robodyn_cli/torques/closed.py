@@ -246,8 +246,9 @@ class ClosedLoops(InverseProgram):
         friction = -loads["friction"] if "friction" in loads else np.zeros_like(tau)
         return losses_along(self.problem.model, tau, friction, a, v)
 
-    def _shared_by(self) -> list[Scalar]:
-        return self.others["psi"]
+    @property
+    def shared_by(self) -> list[Scalar]:
+        return list(self.others["psi"])
 
     def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array) -> Array | None:
         assert sampled.loops is not None

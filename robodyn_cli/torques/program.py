@@ -195,15 +195,16 @@ class InverseProgram(ABC):
     @cached_property
     def _rounded(self) -> Rounded:
         """The torques' terms, and what decides how they are shared, as rounding might make them."""
-        return Rounded([*(x for term in self.terms.values() for x in term), *self._shared_by()])
+        return Rounded([*(x for term in self.terms.values() for x in term), *self.shared_by])
 
     @property
     def rounded_size(self) -> int:
         """Numbers that ``torques_by_draw`` holds for each of many runs."""
         return len(self._rounded.nodes) * (DRAWS + 1) * MOST_SAMPLES
 
-    def _shared_by(self) -> list[Scalar]:
-        """Return the expressions beside the terms that decide how actuators share the load."""
+    @property
+    def shared_by(self) -> list[Scalar]:
+        """The expressions beside the terms that decide how actuators share the load."""
         return []
 
     def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array) -> Array | None:

@@ -13,6 +13,7 @@ from robodyn_cli.report.page.page import Shown, make_page, write_page
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.works.deploy.deploy import deploy
+from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 from tests.browser.conftest import Opener
 from tests.mechanisms import CONFIGS
@@ -110,6 +111,27 @@ def test_a_figure_over_the_range_of_a_key(four_bar: Result, tmp_path: Path, open
     strips = page.locator(".live .parts")
     assert strips.nth(1).locator("rect").count() >= 2 and strips.nth(0).locator("rect").count() == 0
     assert strips.nth(1).get_attribute("aria-label").startswith("left to the command: 1.24")
+
+
+def test_torques_along_a_motion(tmp_path: Path, opened: Opener) -> None:
+    """Their figures and curves follow a slider; the motion stays."""
+    result, target = inverse(load_scene(CONFIGS / "2r_circle.yaml")), tmp_path / "torques.html"
+    asked = [("robot.links.link2.mass", "5", "25")]
+    write_page([Shown("inverse", result, live=live_parts([result], asked)[0])], target)
+    assert target.stat().st_size - len(make_page([Shown("inverse", result)]).encode()) < ADDED
+    page = running(opened, target)
+    peak, known = "peak torque of theta1", result.summary["joints"]["theta1"]["peak_torque"]
+    assert number_of(figures(page)[peak]) == pytest.approx(known, abs=1e-6)
+    slide(page, 0, 20.0)
+    heavier = inverse(load_scene(CONFIGS / "2r_circle.yaml", ["robot.links.link2.mass=20"]))
+    told = heavier.summary["joints"]["theta1"]["peak_torque"]
+    assert number_of(figures(page)[peak]) == pytest.approx(told, abs=1e-6)
+    assert float(page.locator(".live").get_attribute("data-milliseconds")) < 1e3 * SECONDS
+    page.locator(".live .plots").scroll_into_view_if_needed()
+    titles = [item.inner_text() for item in page.locator(".live .plots h3").all()]
+    assert titles == ["Live: torques", "Live: positions", "Live: rates"]
+    page.locator(".live .sweep summary").click()
+    page.locator(".live .sweep[data-points='49']").wait_for()
 
 
 def test_a_phone_in_the_dark_by_keys_alone(live_page: Path, opened: Opener) -> None:

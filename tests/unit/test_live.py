@@ -290,9 +290,9 @@ def test_what_cannot_leave_is_refused_by_name(name: str) -> None:
 
 
 def test_code_that_needs_what_browsers_do_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from robodyn_cli.over.live import structure
+    from robodyn_cli.over.live import keys
 
-    monkeypatch.setattr(structure, "LIBRARY", frozenset())
+    monkeypatch.setattr(keys, "LIBRARY", frozenset())
     live = LiveStructure(family_of("double_pendulum.yaml", ["torques.theta1=exp(-t)*sinh(theta1)"]), MASSES)
     with pytest.raises(RobodynError, match="browsers have no function exp, sinh"):
         live_data(live)

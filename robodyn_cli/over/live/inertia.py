@@ -8,17 +8,23 @@ from robodyn_cli.expr.many import Recipe
 from robodyn_cli.model.consistency import doubtful_bodies
 from robodyn_cli.model.parts import as_link
 from robodyn_cli.motion.motion import Motion
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
+def has_doubtful_inertia(scene: Scene, recipe: Recipe) -> bool:
+    """Tell whether a body's inertia follows from keys or is doubtful in the scene."""
+    bodies = [*scene.robot.links, *map(as_link, scene.payloads)]
+    moments = [getattr(body.inertia, name) for body in bodies for name in MOMENTS]
+    return bool(doubtful_bodies(scene)) or any(recipe.varies(x) for x in moments if x is not None)
+
+
 def inertia_equations(motion: Motion, recipe: Recipe) -> dict[str, Any]:
     """Return M and Psi, by name, where a body's inertia follows from keys or is doubtful in the scene; else nothing."""
-    scene, problem = motion.scene, motion.problem
-    bodies = [*problem.scene.robot.links, *map(as_link, problem.scene.payloads)]
-    moments = [getattr(body.inertia, name) for body in bodies for name in MOMENTS]
-    if not doubtful_bodies(scene) and not any(recipe.varies(x) for x in moments if x is not None):
+    problem = motion.problem
+    if not doubtful_bodies(motion.scene) and not has_doubtful_inertia(problem.scene, recipe):
         return {}
     found = {"mass": problem.mass_matrix.ravel().tolist()}
     if problem.constraints.rows:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.over.live.given import LiveInverse, given_commands
 from robodyn_cli.over.live.structure import LiveStructure, motion_commands
 from robodyn_cli.over.many.keys import value_of
 from robodyn_cli.results.result import Result
@@ -23,13 +25,16 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
     ------
     CapabilityError : what cannot leave, by name. SceneError : no scene has a key, or none takes such values.
     """
-    allowed = motion_commands()
+    makers: dict[str, Callable[[Family, Mapping[str, tuple[float, float]]], LiveStructure | LiveInverse]] = {
+        **dict.fromkeys(motion_commands(), LiveStructure), **dict.fromkeys(given_commands(), LiveInverse),
+    }  # fmt: skip
     parts: list[Mapping[str, Any] | None] = []
     refused: dict[str, SceneError] = {}
     served: set[str] = set()
     for result in results:
         ranges: dict[str, tuple[float, float]] = {}
-        if result.command in allowed:
+        make = makers.get(result.command)
+        if make is not None:
             family = Family.of(load_scene_text(result.scene_text))
             for key, low, high in asked:
                 try:
@@ -37,11 +42,11 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
                 except SceneError as error:
                     refused.setdefault(key, error)
         served |= set(ranges)
-        parts.append(_part(LiveStructure(family, ranges)) if ranges else None)
+        parts.append(_part(make(family, ranges)) if make is not None and ranges else None)
     for key, _, _ in asked:
         if key not in served:
             raise refused.get(key) or CapabilityError(
-                f"--live {key}: allowed: keys of scenes of {', '.join(allowed)}"
+                f"--live {key}: allowed: keys of scenes of {', '.join(makers)}"
             )
     return parts
 
@@ -54,8 +59,13 @@ def _written(family: Family, key: str, text: str) -> float:
     return value
 
 
-def _part(live: LiveStructure) -> dict[str, Any]:
+def _part(live: LiveStructure | LiveInverse) -> dict[str, Any]:
     """Return data and code of a structure."""
     made = live.module()
-    text = base64.b64encode(gzip.compress(made.code, 9, mtime=0)).decode()
-    return {**live.data(), "code": {"imports": list(made.imports), "constants": made.constants, "text": text}}
+    code = {"imports": list(made.imports), "constants": made.constants, "text": _packed(made.code)}
+    data = json.dumps(live.data(), separators=(",", ":"), allow_nan=False).encode()
+    return {"code": code, "data": _packed(data), "given": isinstance(live, LiveInverse)}
+
+
+def _packed(content: bytes) -> str:
+    return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()

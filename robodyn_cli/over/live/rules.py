@@ -17,6 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.solve.quadrature import POINTS, Breaks, doubts, positive_parts
+from robodyn_cli.spatial.algebra import Array
+
 Values = NDArray[Any]
 # the same element by element, with an entry of each argument
 ELEMENTWISE = frozenset({
@@ -29,7 +32,7 @@ REDUCED = {"amax": "max", "max": "max", "amin": "min", "min": "min", "sum": "sum
 # functions that only put entries elsewhere
 MOVED = frozenset({
     "reshape", "transpose", "swapaxes", "concatenate", "stack", "vstack", "append", "delete", "broadcast_to", "copy",
-    "expand_dims", "atleast_1d", "ravel", "moveaxis",
+    "expand_dims", "atleast_1d", "ravel", "moveaxis", "repeat", "tile",
 })  # fmt: skip
 
 
@@ -39,6 +42,8 @@ class Tape:
     def __init__(self) -> None:
         self.code: list[list[Any]] = []
         self.examples: dict[str, Values] = {}  # of what is given, by name
+        self.assumed: list[Recorded] = []  # what has to hold where the rule goes one of several ways
+        self._constants: dict[Any, int] = {}  # places, by shape and values
 
     def input(self, name: str, example: Any) -> Recorded:
         """Return what is given under a name; example : what has its shape."""
@@ -48,7 +53,13 @@ class Tape:
 
     def constant(self, x: Any) -> Recorded:
         values = np.asarray(x)
-        return self._note(values, "constant", [], plain(values.ravel().tolist()))
+        numbers = values.ravel().tolist()
+        known = self._constants.get(tuple(numbers))
+        if known is not None:
+            return Recorded(self, known, values)
+        made = self._note(values, "constant", [], plain(numbers))
+        self._constants[tuple(numbers)] = made.place
+        return made
 
     def lift(self, x: Any) -> Recorded:
         return x if isinstance(x, Recorded) else self.constant(x)
@@ -88,6 +99,25 @@ class Tape:
         rows = self.moved(np.transpose, [x], [*kept, *axes])
         length = math.prod(x.shape[k] for k in axes)
         return self._note(np.asarray(values), op, [rows], length, None if initial is None else float(initial))
+
+    def gathered(self, x: Recorded, index: Sequence[Any]) -> Recorded:
+        """Return the entries of x (T, n) in rows and columns (...) of which values decide."""
+        rows, columns = index
+        places = rows * x.shape[1] + columns
+        return self._note(x.example[tuple(map(_example, index))], "gather", [x, self.lift(places)])
+
+    def scattered(self, x: Recorded, index: Sequence[Any], value: float) -> Recorded:
+        """Return x (T, n) with a number in rows and columns (...) of which values decide."""
+        rows, columns = index
+        entries = x.example.copy()
+        entries[tuple(map(_example, index))] = value
+        places = self.lift(rows * x.shape[1] + columns)
+        return self._note(entries, "scatter", [x, places], *plain([value]))
+
+    def holds(self, condition: Recorded) -> bool:
+        """Take it that a condition holds: an output of the rule says whether it does."""
+        self.assumed.append(condition)
+        return True
 
     def matrices(self, op: str, args: Sequence[Any], values: Values, *data: Any) -> Recorded:
         """Return an operation on matrices, one a leading index."""
@@ -166,6 +196,9 @@ class Recorded(np.lib.mixins.NDArrayOperatorsMixin):
     def reshape(self, *shape: Any) -> Recorded:
         return self.tape.moved(np.reshape, [self], shape[0] if len(shape) == 1 else shape)
 
+    def ravel(self) -> Recorded:
+        return self.reshape(-1)
+
     def transpose(self, *axes: int) -> Recorded:
         return self.tape.moved(np.transpose, [self], axes or None)
 
@@ -176,7 +209,9 @@ class Recorded(np.lib.mixins.NDArrayOperatorsMixin):
 
     def __bool__(self) -> bool:
         """Answer a question about all runs so that nothing is left out."""
-        op = self.tape.code[self.place][0]
+        op, args = self.tape.code[self.place][:2]
+        if op == "all" and self.tape.code[args[0]][0] == "isfinite":
+            return self.tape.holds(self)
         if op in ("any", "all"):
             return bool(op == "any")
         raise TypeError(f"a rule branches on values: {op}")
@@ -184,11 +219,17 @@ class Recorded(np.lib.mixins.NDArrayOperatorsMixin):
     def __getitem__(self, index: Any) -> Recorded:
         if isinstance(index, ChosenRows):
             return self
+        if _is_told_by_values(index):
+            return self.tape.gathered(self, index)
         return self.tape.moved(lambda x: x[index], [self])
 
     def __setitem__(self, index: Any, value: Any) -> None:
-        changed = self if isinstance(index, ChosenRows) else None
-        changed = self.tape.lift(value) if changed is not None else self.tape.assigned(self, index, value)
+        if isinstance(index, ChosenRows):
+            changed = self.tape.lift(value)
+        elif _is_told_by_values(index):
+            changed = self.tape.scattered(self, index, value)
+        else:
+            changed = self.tape.assigned(self, index, value)
         self.place, self.example = changed.place, changed.example
 
 
@@ -197,6 +238,10 @@ class ChosenRows(Recorded):
 
     def __len__(self) -> int:
         return 1
+
+
+def _is_told_by_values(index: Any) -> bool:
+    return isinstance(index, tuple) and any(isinstance(x, Recorded) for x in index)
 
 
 def _example(x: Any) -> Any:
@@ -242,6 +287,8 @@ def _reduce(
 
 def _matmul(tape: Tape, inputs: Sequence[Any], values: Values) -> Recorded:
     a, b = (tape.lift(x) for x in inputs)
+    if a.ndim == 1:
+        return _matmul(tape, (a[None], b), values[None])[0]
     lead = values.shape[:-2]
     a, b = (tape.moved(np.broadcast_to, [x], (*lead, *x.shape[-2:])) for x in (a, b))
     return tape.matrices("matmul", [a, b], values, a.shape[-2], a.shape[-1], b.shape[-1])
@@ -288,8 +335,46 @@ def _take_along(tape: Tape, x: Any, places: Any, axis: int) -> Recorded:
     return tape.matrices("row", [x, places], values, x.shape[axis], math.prod(x.shape[axis + 1 :]))
 
 
+def _argmax(tape: Tape, x: Any, axis: int | None = None) -> Any:
+    """Record the first of the largest along the first axis; of runs side by side there is one, the first."""
+    if axis is None:
+        return 0
+    assert axis % x.ndim == 0
+    return tape.reduced("argmax", x, axis, np.argmax(x.example, axis=axis))
+
+
+def _diff(tape: Tape, x: Any, n: int = 1, axis: int = -1) -> Any:
+    assert axis == 0 or x.ndim == 1
+    row = math.prod(x.shape[1:])
+    for _ in range(n):
+        x = tape.matrices("diff", [x], np.diff(x.example, axis=0), row)
+    return x
+
+
+def _clip(tape: Tape, x: Any, low: Any, high: Any) -> Any:
+    return np.minimum(np.maximum(x, low), high)
+
+
+def _constant_like(tape: Tape, x: Any, shape: Any = None) -> Recorded:
+    return tape.constant(np.zeros(x.shape if shape is None else shape))
+
+
+def _positive_parts(tape: Tape, y: Any, first: Array, last: Array, chosen: Any) -> Recorded:
+    """Record integrals of polynomials through samples where they are positive."""
+    values = positive_parts(*map(_example, (y, first, last, chosen)))
+    return tape.matrices("positive", [y, first, last, chosen], values, len(y), POINTS)
+
+
+def _hidden_jumps(tape: Tape, times: Array, y: Any, breaks: Breaks) -> Any:
+    """Take it that functions jump and bend nowhere but at breaks."""
+    if len(y) >= 2 * POINTS:
+        tape.holds(~doubts(times, y, breaks)[1].any())
+    return [(slice(None), ())]
+
+
 SPECIAL: Mapping[str, Callable[..., Any]] = {
     "solve": _solve, "pinv": _pinv, "svd": _svd, "det": _det, "sort": _sort, "where": _where,
-    "flatnonzero": _flatnonzero, "take_along_axis": _take_along, "argmax": lambda tape, x: 0,
-    "zeros_like": lambda tape, x: tape.constant(np.zeros(x.shape)),
+    "flatnonzero": _flatnonzero, "take_along_axis": _take_along, "argmax": _argmax,
+    "zeros_like": _constant_like, "clip": _clip, "ptp": lambda tape, x, axis: x.max(axis=axis) - x.min(axis=axis),
+    "diff": _diff, "positive_parts": _positive_parts, "hidden_jumps": _hidden_jumps,
 }  # fmt: skip

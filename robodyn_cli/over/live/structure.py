@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from robodyn_cli.commands import places
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.integration_methods import STIFF
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
@@ -21,7 +16,7 @@ from robodyn_cli.integrators.stepping.lanes import JOB
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.compiler import Target
 from robodyn_cli.kernels.program import make_program
-from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
+from robodyn_cli.kernels.wasm import WASM, WasmModule
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.over.commands import locks
 from robodyn_cli.over.live.code import (
@@ -34,27 +29,22 @@ from robodyn_cli.over.live.code import (
 )
 from robodyn_cli.over.live.inertia import inertia_equations
 from robodyn_cli.over.live.judging import Judging, limits_of_closing
+from robodyn_cli.over.live.keys import LiveScene, columns, entries_of
+from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rules import plain
 from robodyn_cli.over.many.command import VERDICT
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import RunBatch
-from robodyn_cli.over.many.keys import NUMBER, OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
+from robodyn_cli.over.many.keys import NUMBER, START
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.many.simulate import MotionCommand
 from robodyn_cli.over.many.start import ManyClosing
 from robodyn_cli.over.many.structure import Structure
-from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.scene.load import Family
-from robodyn_cli.spatial.algebra import Array
 
-MOST_CORNERS = 6  # keys of whose ranges all corners are looked at; of more, the ends of each alone
 SHOWN = 400  # stretches between samples that a picture takes, at most
 STATE = ("t", "q", "v", "z")
-# functions of the C library that a browser has under the same names
-LIBRARY = frozenset(
-    {"exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2", "sin", "cos"}
-)
 
 
 def motion_commands() -> dict[str, MotionCommand]:
@@ -63,45 +53,14 @@ def motion_commands() -> dict[str, MotionCommand]:
     return {name: own for name, own in batches.items() if isinstance(own, MotionCommand)}
 
 
-@record
-class LiveKey:
-    """A key with a range: what it is, and its value in the scene."""
+class LiveStructure(LiveScene):
+    """The motion of a scene with some keys that vary within ranges, see ``LiveScene``."""
 
-    key: Key
-    value: float
-    low: float
-    high: float
-
-
-class LiveStructure:
-    """The motion of a scene with some keys that vary within ranges, as code and data that need no Python.
-
-    Parameters
-    ----------
-    ranges : lowest and highest value of keys, in SI units.
-
-    Raises
-    ------
-    CapabilityError : what cannot leave, by name.
-    SceneError : the scene has no such key, or does not allow values of the range.
-    """
-
-    where = "run in a page"  # what the scene is to do, as refusals say it
     in_page = True  # where times of events that are passed are told
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
-        self.family = family
-        scene = family.own
-        command = motion_commands().get(scene.command or "")
-        if command is None:
-            raise CapabilityError(
-                f"a scene of {scene.command} cannot {self.where}; allowed: {', '.join(motion_commands())}"
-            )
-        mechanism = Mechanism(family, list(ranges))
-        self.keys = [self._live_key(mechanism, key, ranges[key.name]) for key in mechanism.keys]
-        self.command = command
-        self.row = np.array([key.value for key in self.keys])
-        self.structure = self._structure(mechanism)
+        super().__init__(family, ranges, motion_commands())
+        self.structure = self._structure(self.mechanism)
         self.motion = self.structure.motion
         self.method = self.motion.choice.method
         if why := self.obstacle:
@@ -113,80 +72,15 @@ class LiveStructure:
         self.closing = self._closing()
         self.tables = Tables([*self.fleet.tables.programs, *(own.program for own in self.equations.values())])
 
-    def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
-        """Return a key with its range.
-
-        Raises
-        ------
-        CapabilityError : it has no value, or one outside.
-        """
-        low, high = ends
-        if key.scale != 1.0:
-            raise CapabilityError(
-                f"{key.name} has a unit or a sign in the scene; allowed: the key without '#'"
-            )
-        value = value_of(mechanism.family, key.name)
-        if value is None:
-            raise CapabilityError(f"{key.name} has no value in the scene; give it one by --set")
-        if not low < high or not math.isfinite(low) or not math.isfinite(high):
-            raise CapabilityError(f"{key.name}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
-        if not low <= value <= high:
-            raise CapabilityError(
-                f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within"
-            )
-        return LiveKey(key, value, low, high)
-
     def _structure(self, mechanism: Mechanism) -> Structure:
         """Return the structure that serves the scene and the corners of its ranges."""
-        rows = np.array([self.row, *self._corners()])
-        for error in mechanism.refusals(rows).values():
-            raise error
-        for key in self.keys:
-            if key.value in key.key.special:
-                raise CapabilityError(
-                    f"{key.key.name} is {key.value:g} in this scene, where the equations are others than beside it; "
-                    "give it another value by --set"
-                )
-        groups = list(mechanism.groups(self.command, rows))
-        own, served = next(
-            ((own, group) for own, group in groups if own is not None and 0 in group), (None, np.zeros(0))
-        )
-        if not isinstance(own, Structure):
-            self.command.structure(self.family, mechanism.keys, self.row)  # which says why not
-            why = "its equations cannot be built for many runs"
-            if self.family.own.control is not None:
-                why = "its controller follows from the keys by computations in Python"
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
-        if own.obstacle:
-            raise CapabilityError(f"this scene cannot {self.where}: {own.obstacle}")
-        left = sorted(set(range(len(rows))) - set(served.tolist()))
-        if left:
-            at = ", ".join(settings([key.key.name for key in self.keys], rows[left[0]]))
-            raise CapabilityError(
-                f"within these ranges the equations change: those at {at} are others; narrow them"
-            )
-        return own
-
-    def _corners(self) -> list[Array]:
-        """Return rows of values at the ends of the ranges."""
-        ends = [(key.low, key.high) for key in self.keys]
-        if len(ends) <= MOST_CORNERS:
-            return [np.array(row) for row in itertools.product(*ends)]
-        rows = []
-        for k, both in enumerate(ends):
-            for x in both:
-                row = self.row.copy()
-                row[k] = x
-                rows.append(row)
-        return rows
+        return self._built(mechanism, Structure)
 
     @property
     def obstacle(self) -> str:
         """Why runs of this scene stay with the command; nothing if they can leave."""
         motion, scene = self.motion, self.motion.scene
-        control = motion.problem.control
-        sorts = [(key.key.name, key.key.sort) for key in self.keys]
-        reasons = {f"{name} {SORTS[sort]}": True for name, sort in sorts if sort in SORTS}
+        control, reasons = motion.problem.control, self._sorts
         choice = motion.choice
         quasi = any(body.joint.quasi for body in motion.problem.model.bodies)
         reasons |= {
@@ -256,15 +150,7 @@ class LiveStructure:
 
     def _picture(self) -> dict[str, list[Any]]:
         """Return where all is that a page draws: vertices and axes as the drawing numbers them, and named points."""
-        from robodyn_cli.report.drawing.build import drawn_things
-
-        problem = self.motion.problem
-        entries = drawn_things(self.motion.scene, problem)[0].entries
-        points = problem.model.points
-        outputs = {kind: [x for entry in entries[kind] for x in entry] for kind in ("vertices", "axes")}
-        outputs["points"] = [x for frame in points.values() for x in problem.world_point(frame)]
-        unknown = {symbol.value[1] for part in outputs.values() for symbol in free_symbols(part)} - {"q", "v"}
-        return {} if unknown else outputs
+        return picture_of(self.motion.scene, self.motion.problem)
 
     def texts(self, target: Target) -> list[str]:
         """Return the code as IR.
@@ -277,7 +163,7 @@ class LiveStructure:
         places = [key.key.place for key in self.keys if key.key.sort == NUMBER]
         return [
             *loop_texts(self.system, methods[self.method], target),
-            numbers_text(structure.recipe, self._entries, places, structure.deciding, target),
+            numbers_text(structure.recipe, entries_of(self.tables), places, structure.deciding, target),
             equations_text(self.equations, self.tables, target),
         ]
 
@@ -296,17 +182,7 @@ class LiveStructure:
         texts, exports = self.texts(WASM), self.exports
         if self.fleet.passing:
             texts, exports = [*texts, notes_text()], [*exports, "watch"]
-        made = write_wasm(texts, exports)
-        if others := sorted(set(made.imports) - LIBRARY - {PASSED}):
-            raise CapabilityError(
-                f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
-            )
-        return made
-
-    @property
-    def _entries(self) -> list[Any]:
-        """The numbers of all tables, one after another."""
-        return [x for p in self.tables.programs for x in (p.numbers or (0.0,))]
+        return self._module(texts, exports, (PASSED,))
 
     # -- data -----------------------------------------------------------------------------------------
     @cached_property
@@ -333,9 +209,9 @@ class LiveStructure:
         names = PLACES[PLACES.index("tables") : PLACES.index("saved")]
         return {
             "title": motion.scene.title, "duration": duration, "locks": locks(self.command.name),
-            "keys": [self._key_data(key) for key in self.keys],
-            "q": _columns(model.q_names, model.q_units, self.system.q_places),
-            "v": _columns(model.v_names, model.v_units, self.system.v_places),
+            "keys": [self._key_data(key, model) for key in self.keys],
+            "q": columns(model.q_names, model.q_units, self.system.q_places),
+            "v": columns(model.v_names, model.v_units, self.system.v_places),
             "size": self.system.size, "work": self.system.work_place, "state": plain(motion.start),
             "memory": {
                 "block": memory.nbytes, "w": len(memory.w),
@@ -356,17 +232,6 @@ class LiveStructure:
             **self.judging.data(),
         }  # fmt: skip
 
-    def _key_data(self, key: LiveKey) -> dict[str, Any]:
-        place: Any = None
-        model = self.motion.problem.model
-        if key.key.sort == START:
-            group, _, name = key.key.place.partition(".")
-            place = [group, (model.q_names if group == "q" else model.v_names).index(name)]
-        return {
-            "name": key.key.name, "unit": key_unit(self.family, key.key, model), "value": key.value,
-            "low": key.low, "high": key.high, "special": list(key.key.special), "start": place,
-        }  # fmt: skip
-
     def _start(self) -> dict[str, Any]:
         """Return where runs start: the scene's own start, what is given of others, and how loops are closed."""
         motion, model = self.motion, self.motion.problem.model
@@ -383,12 +248,7 @@ class LiveStructure:
         return {"own": own, "q": given_q, "v": given_v, "closing": parts}
 
 
-SORTS = {STRUCTURE: "decides which equations there are", OPTION: "is an option of the run"}
 COUNTS = ("ACCEPTED", "REJECTED", "MAX_STEPS", "NEXT_SAMPLE", "LAST_SAMPLE", "EVENT", "LOCATED")
-
-
-def _columns(names: Sequence[str], units: Sequence[str], places: Sequence[int]) -> dict[str, Any]:
-    return {"names": list(names), "units": list(units), "places": [int(k) for k in places]}
 
 
 def _steps_off(tables: Tables, draw: int) -> list[int]:

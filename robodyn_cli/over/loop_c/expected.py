@@ -6,7 +6,7 @@ import numpy as np
 
 from robodyn_cli.kernels.c99 import literal, wrapped
 from robodyn_cli.over.commands import locks
-from robodyn_cli.over.live.structure import LiveKey
+from robodyn_cli.over.live.keys import LiveKey
 from robodyn_cli.over.loop_c.library import LoopLibrary
 from robodyn_cli.over.many.command import ManyRuns
 from robodyn_cli.over.many.mechanism import Mechanism

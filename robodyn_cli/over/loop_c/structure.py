@@ -11,7 +11,8 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.over.live.structure import SORTS, LiveKey, LiveStructure
+from robodyn_cli.over.live.keys import SORTS, LiveKey
+from robodyn_cli.over.live.structure import LiveStructure
 from robodyn_cli.over.many.keys import Key, understand, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import Family

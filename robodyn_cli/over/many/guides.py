@@ -83,7 +83,7 @@ class Guided:
         return np.array([given[name] for name in self.problem.model.q_names])
 
     @cached_property
-    def _varies(self) -> bool:
+    def varies(self) -> bool:
         """Whether other runs have other motions."""
         parts = (self.here, self.rates)
         return any(self.built.recipe.varies(x) for part in parts for x in (*part.constants, *part.outputs))
@@ -102,7 +102,7 @@ class Guided:
 
     def follow(self, values: Array) -> ManyMotions:
         """Return the motions of runs with rows of values (N, keys)."""
-        if not self._varies and len(values) > 1:
+        if not self.varies and len(values) > 1:
             return self.follow(values[:1]).part(np.zeros(len(values), dtype=np.int64))
         size = max(1, AT_ONCE // len(self.times))
         parts = [self._follow(values[k : k + size]) for k in range(0, len(values), size)]

@@ -85,6 +85,12 @@ class InverseStructure(Built):
         return self.recipe.deciding(witnesses)
 
     @property
+    def changed_motion(self) -> dict[str, bool]:
+        """Why the motion of a mechanism may be another one in other runs, by whether that holds."""
+        varies = any(guided.varies for guided in self._guided.values())
+        return {"the keys change the motion of what the loops tie": varies}
+
+    @property
     def driven(self) -> list[int]:
         """Velocity coordinates of the joints that have figures."""
         model = self.program.problem.model

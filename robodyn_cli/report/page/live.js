@@ -30,11 +30,12 @@ class Live {
   constructor(box, data, runner, player) {
     Object.assign(this, { box, data, runner, player, beside: null, waiting: false });
     this.values = data.keys.map((key) => key.value);
+    this.groups = data.groups || GROUPS;
     this.stored = player && { ...player.view.drawing };
     this.fields();
     this.parts = new Background();
     this.sweep = new Sweep(this, this.find(".sweep"));
-    this.charts = GROUPS.map(([group, title, per]) => this.chart(group, title, per));
+    this.charts = this.groups.map(([group, title, per]) => this.chart(group, title, per));
     box.hidden = false;
     this.update();
   }
@@ -145,13 +146,17 @@ class Live {
   }
 
   get figureNames() {
-    const { data } = this, end = data.locks ? "at the lock" : "at the end";
+    const { data } = this;
+    if (data.figures) return data.figures.map((figure) => figure.name);
+    const end = data.locks ? "at the lock" : "at the end";
     const of = ([group]) => data[group].names.map((name) => `${group === "q" ? "" : "rate of "}${name} ${end}`);
     return [...(data.locks ? ["time of the lock"] : []), ...GROUPS.flatMap(of)];
   }
   /* The figures of a run, in the order of their names. */
   figuresOf(result) {
-    const { data } = this, units = (group, per, unit) => unit + (group === "v" && !unit.includes("/s") ? per : "");
+    const { data } = this;
+    if (data.figures) return data.figures.map(({ unit }, k) => ({ ...result.figures[k], unit }));
+    const units = (group, per, unit) => unit + (group === "v" && !unit.includes("/s") ? per : "");
     const of = ([group, , per]) => data[group].units.map((unit, k) => ({ value: result[group][k], error: result[`${group}_error`][k], unit: units(group, per, unit) }));
     return [...(data.locks ? [{ value: result.time, error: result.time_error, unit: "s" }] : []), ...GROUPS.flatMap(of)];
   }
@@ -161,7 +166,7 @@ class Live {
     const shown = result.passed.slice(0, PASSED);
     rows.push(...shown.map(({ name, time, error }) => [`event of ${name.replace(/[._]/g, " ")}`, stated(time, error, "s")]));
     if (result.passed.length > PASSED) rows.push(["more events", `${result.passed.length - PASSED}`]);
-    rows.push(["steps of two integrations", `${result.steps} and ${result.second_steps}`]);
+    if (result.steps) rows.push(["steps of two integrations", `${result.steps} and ${result.second_steps}`]);
     this.find("tbody").replaceChildren(...rows.map(([name, value]) => {
       const row = document.createElement("tr");
       row.append(named("th", name, { scope: "row" }), named("td", value));
@@ -216,7 +221,7 @@ class Live {
           ...(this.beside ? [{ ...this.line(k), dashes: [4, 3], alpha: 0.6, x: this.beside.times, y: this.beside.columns[own.places[k]] }] : []),
           { ...this.line(k), entry: k, x: this.result.times, y: this.result.columns[own.places[k]] },
         ]);
-        const values = panel.lines.flatMap((line) => line.y), low = Math.min(...values), high = Math.max(...values);
+        const values = panel.lines.flatMap((line) => Array.from(line.y)), low = Math.min(...values), high = Math.max(...values);
         const room = 0.05 * (high - low) || 0.05 * Math.abs(high) || 1;
         panel.x = [0, Math.max(...panel.lines.map((line) => line.x[line.x.length - 1]))];
         panel.y = [low - room, high + room];
@@ -231,6 +236,7 @@ async function startLive(lives, players) {
   if (!lives.length || typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") return;
   for (const box of document.querySelectorAll("[data-live]")) {
     const data = lives[Number(box.dataset.live)];
+    Object.assign(data, JSON.parse(new TextDecoder().decode(await unzipped(data.data))));
     const runner = await Runner.of(data, await unzipped(data.code.text));
     box.live = new Live(box, data, runner, players.get(box.closest("[data-result]")) || null);
   }

@@ -41,6 +41,11 @@ LIVE = (
     "of the command; plots and tables below are of the stored result. What is marked below a slider is left to the "
     "command."
 )
+LIVE_GIVEN = (
+    "Drawing, figures and plots here are computed in this page, along the motion of the stored result, with errors as "
+    "those of the command; plots and tables below are of the stored result. What is marked below a slider is left to "
+    "the command."
+)
 THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
 
 
@@ -68,7 +73,9 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
     parts: list[Any] = [
         _head(shown, alone),
         _motion(result, store) if moving else None,
-        None if shown.live is None else _live(place, store.run(shown.live)),
+        None
+        if shown.live is None
+        else _live(place, store.run(shown.live), LIVE_GIVEN if shown.live.get("given") else LIVE),
         tables.main_figures(result),
         _plots(result, store, moving),
         element("h3", "Summary"),
@@ -123,12 +130,12 @@ def _motion(result: Result, store: Store) -> Html:
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 
-def _live(place: int, number_of: int) -> Html:
+def _live(place: int, number_of: int, note: str) -> Html:
     """Return where the ``place``-th scene runs in the page; its script shows it, where there is WebAssembly."""
     buttons = {"again": "as in the scene", "keep": "keep this run beside others", "copy": "copy as --set"}
     content = [
         element("h3", "Other values, run in this page"),
-        element("p", LIVE, class_="note"),
+        element("p", note, class_="note"),
         element("div", class_="keys"),
         element(
             "p", [element("button", words, type="button", class_=name) for name, words in buttons.items()]
@@ -264,7 +271,7 @@ def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
 
 # one after another they are the script of the page
 SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js")
-RUNNING = ("rules.js", "runner.js", "sweep.js", "live.js")  # where scenes run in the page
+RUNNING = ("rules.js", "runner.js", "given.js", "sweep.js", "live.js")  # where scenes run in the page
 STYLE = "page.css"
 
 

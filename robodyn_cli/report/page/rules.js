@@ -24,31 +24,137 @@ function entrywise(f, args) {
   return out;
 }
 
-/* Entries of a strided array: a loop for each axis. */
+/* Rows of a strided array with strides of 1 or 0 in the last axis, or any other: a loop for each axis. */
 function strided(all, { first, shape, strides }) {
-  const out = new Float64Array(shape.reduce((a, b) => a * b, 1));
+  const last = shape.length - 1, size = shape.reduce((a, b) => a * b, 1);
+  let step = 1;
+  const whole = shape.every((_, k) => strides[last - k] === step && (step *= shape[last - k], true));
+  if (whole) return all.subarray(first, first + size); // entries that follow one another: nothing is copied
+  const out = new Float64Array(size);
+  if (last < 0) out[0] = all[first];
   let at = 0;
   const along = (axis, place) => {
-    if (axis === shape.length) out[at++] = all[place];
-    else for (let k = 0; k < shape[axis]; k++) along(axis + 1, place + k * strides[axis]);
+    const count = shape[axis], stride = strides[axis];
+    if (axis === last) for (let k = 0, from = place; k < count; k++, from += stride) out[at++] = all[from];
+    else for (let k = 0; k < count; k++) along(axis + 1, place + k * stride);
   };
-  along(0, first);
+  if (last >= 0) along(0, first);
+  return out;
+}
+
+function joined(args) {
+  const out = new Float64Array(args.reduce((sum, a) => sum + a.length, 0));
+  let at = 0;
+  for (const a of args) {
+    out.set(a, at);
+    at += a.length;
+  }
   return out;
 }
 
 function taken(args, runs) {
-  const all = args.length === 1 ? args[0] : Float64Array.from(args.flatMap((a) => Array.from(a)));
+  const all = args.length === 1 ? args[0] : joined(args);
   if (runs.strides) return strided(all, runs);
   let size = 0, at = 0;
   for (let k = 1; k < runs.length; k += 2) size += runs[k];
   const out = new Float64Array(size);
-  for (let k = 0; k < runs.length; k += 2) for (let n = 0; n < runs[k + 1]; n++) out[at++] = all[runs[k] + n];
+  for (let k = 0; k < runs.length; k += 2) {
+    if (runs[k + 1] > 1) out.set(all.subarray(runs[k], runs[k] + runs[k + 1]), at); else out[at] = all[runs[k]];
+    at += runs[k + 1];
+  }
   return out;
 }
 
 function reduced([start, f], rows, length, initial) {
-  const first = initial === null ? start : initial, out = new Float64Array(rows.length / length).fill(first);
-  for (let n = 0; n < rows.length; n++) out[Math.floor(n / length)] = f(out[Math.floor(n / length)], rows[n]);
+  const out = new Float64Array(rows.length / length);
+  for (let k = 0; k < out.length; k++) {
+    let sum = initial === null ? start : initial;
+    for (let n = k * length; n < (k + 1) * length; n++) sum = f(sum, rows[n]);
+    out[k] = sum;
+  }
+  return out;
+}
+
+/* What is made most often of long arrays has a loop of its own, several times as fast. */
+const LOOPS = {
+  add: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = a[n * i] + b[n * j]; },
+  subtract: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = a[n * i] - b[n * j]; },
+  multiply: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = a[n * i] * b[n * j]; },
+  divide: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = a[n * i] / b[n * j]; },
+  maximum: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = Math.max(a[n * i], b[n * j]); },
+  less: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = a[n * i] < b[n * j] ? 1 : 0; },
+  greater_equal: (a, b, out, i, j) => { for (let n = 0; n < out.length; n++) out[n] = a[n * i] >= b[n * j] ? 1 : 0; },
+};
+
+function paired(loop, [a, b]) {
+  const out = new Float64Array(Math.max(a.length, b.length));
+  loop(a, b, out, a.length > 1 ? 1 : 0, b.length > 1 ? 1 : 0);
+  return out;
+}
+
+function magnitudes(x) {
+  const out = new Float64Array(x.length);
+  for (let n = 0; n < x.length; n++) out[n] = Math.abs(x[n]);
+  return out;
+}
+
+/* Differences from row to row. */
+function differences(x, row) {
+  const out = new Float64Array(x.length - row);
+  for (let n = 0; n < out.length; n++) out[n] = x[n + row] - x[n];
+  return out;
+}
+
+/* The first place of the largest entry of each row. */
+function firstOfLargest(rows, length) {
+  const out = new Float64Array(rows.length / length);
+  for (let k = 0; k < out.length; k++) for (let n = 1; n < length; n++) if (rows[k * length + n] > rows[k * length + out[k]]) out[k] = n;
+  return out;
+}
+
+const polynomial = (c, x) => c.reduceRight((sum, own) => sum * x + own, 0);
+
+/* The places between a and b, in their order, where a polynomial with coefficients of powers c changes its sign. */
+function signChanges(c, a, b) {
+  if (c.length < 2) return [];
+  const turns = signChanges(c.slice(1).map((own, k) => (k + 1) * own), a, b), ends = [a, ...turns, b], found = [];
+  for (let k = 1; k < ends.length; k++) {
+    let low = ends[k - 1], high = ends[k];
+    const rises = polynomial(c, high) > 0;
+    if (rises === polynomial(c, low) > 0) continue;
+    for (let round = 0; round < 60; round++) {
+      const middle = 0.5 * (low + high);
+      if (polynomial(c, middle) > 0 === rises) high = middle; else low = middle;
+    }
+    found.push(0.5 * (low + high));
+  }
+  return found;
+}
+
+/* Coefficients of powers of x - from of the polynomial through values at 0, 1, ... */
+function powers(values, from) {
+  const own = Array.from(values), c = [];
+  for (let order = 1; order < own.length; order++) for (let k = own.length - 1; k >= order; k--) own[k] = (own[k] - own[k - 1]) / order;
+  for (let k = own.length - 1; k >= 0; k--) { // c := c (x - k) + own[k]
+    c.unshift(0);
+    for (let i = 0; i + 1 < c.length; i++) c[i] += (from - k) * c[i + 1];
+    c[0] += own[k];
+  }
+  return c;
+}
+
+/* Integrals of polynomials through samples y (T, n) from place to place, where they are positive (solve/quadrature.py). */
+function positiveParts([y, first, last, chosen], samples, most) {
+  const n = y.length / samples, out = new Float64Array(first.length * n), points = Math.min(most, samples);
+  chosen.forEach((is, at) => {
+    if (!is) return;
+    const row = Math.floor(at / n), begin = Math.min(Math.max(Math.floor(first[row]) - Math.floor(points / 2) + 1, 0), samples - points);
+    const near = Array.from({ length: points }, (_, k) => y[(begin + k) * n + (at % n)]), c = powers(near, first[row] - begin);
+    const end = last[row] - first[row], primitive = [0, ...c.map((own, k) => own / (k + 1))], cuts = [0, ...signChanges(c, 0, end), end];
+    for (let k = 1; k < cuts.length; k++) {
+      if (polynomial(c, 0.5 * (cuts[k - 1] + cuts[k])) > 0) out[at] += polynomial(primitive, cuts[k]) - polynomial(primitive, cuts[k - 1]);
+    }
+  });
   return out;
 }
 
@@ -139,6 +245,15 @@ const OPERATIONS = {
   sigma: ([A], m, n) => ofEach(A, m * n, (own) => singular(own, m, n).sizes),
   right_vectors: ([A], m, n) => ofEach(A, m * n, (own) => singular(own, m, n).vectors),
   pinv: ([A], m, n, cut) => ofEach(A, m * n, (own) => pseudoSolved(own, m, n, cut)),
+  diff: ([x], row) => differences(x, row),
+  argmax: ([rows], length) => firstOfLargest(rows, length),
+  gather: ([x, places]) => places.map((k) => x[k]),
+  scatter: ([x, places], value) => {
+    const out = x.slice();
+    for (const k of places) out[k] = Number(value);
+    return out;
+  },
+  positive: (args, samples, most) => positiveParts(args, samples, most),
   sort: ([x], n) => ofEach(x, n, (own) => own.sort()),
   row: ([x, places], count, length) => ofEach(x, count * length, (own, k) => {
     const place = places[Math.floor(k * places.length * count * length / x.length)];
@@ -147,14 +262,18 @@ const OPERATIONS = {
   }),
 };
 for (const [name, f] of Object.entries({ ...UNARY, ...BINARY })) OPERATIONS[name] = (args) => entrywise(f, args);
+for (const [name, loop] of Object.entries(LOOPS)) OPERATIONS[name] = (args) => paired(loop, args);
+OPERATIONS.absolute = ([x]) => magnitudes(x);
 for (const [name, pair] of Object.entries(REDUCING)) OPERATIONS[name] = ([rows], length, initial) => reduced(pair, rows, length, initial);
 
 /* The outputs of a rule, by name, for inputs by name. */
 function judged(rule, inputs) {
   const values = [];
-  for (const [op, args, ...data] of rule.code) {
-    if (op === "input") values.push(inputs[data[0]]);
-    else values.push(OPERATIONS[op](args.map((k) => values[k]), ...data));
+  // numbers that are always the same are made once
+  rule.constants ||= rule.code.map(([op, , ...data]) => (op === "constant" ? OPERATIONS.constant([], ...data) : null));
+  for (const [k, [op, args, ...data]] of rule.code.entries()) {
+    if (op === "input") values.push(inputs[data[0]].subarray ? inputs[data[0]] : Float64Array.from(inputs[data[0]]));
+    else values.push(rule.constants[k] || OPERATIONS[op](args.map((place) => values[place]), ...data));
   }
   return Object.fromEntries(Object.entries(rule.outputs).map(([name, k]) => [name, values[k]]));
 }

@@ -12,7 +12,7 @@ class Refused extends Error {
 
 class Runner {
   static async of(data, bytes) {
-    return new Runner(data, await WebAssembly.compile(bytes));
+    return new (data.motion ? Given : Runner)(data, await WebAssembly.compile(bytes));
   }
 
   constructor(data, module) {
@@ -32,16 +32,7 @@ class Runner {
 
   /* Where everything lies: constants, the stack, then the arrays, each where a vector may begin. */
   arranged() {
-    const { data } = this, { memory } = data, nx = data.size, count = data.events.length;
-    const samples = Math.max(data.first.n[data.counts.LAST_SAMPLE], data.picture ? data.shown : 0, 1);
-    this.bytes = { w: 8 * memory.w, n: 8 * data.first.n.length, y: 8 * nx, p: 8 * memory.parameters.length,
-      numbers: 8 * data.own, out: 8 * nx * samples };
-    const largest = Math.max(1, ...Object.values(data.outputs).map((own) => Object.values(own).reduce((a, b) => a + b, 0)));
-    const sizes = { block: memory.block, saved: memory.block, clear: memory.block, p: this.bytes.p, ...memory.fixed, values: 8 * count,
-      bracket: 16 * (1 + count), stretches: 8 * memory.stretches.length, places: 8 * memory.places.length, job: 8 * memory.job.length, stop: 8, status: 8,
-      given: 8 * data.keys.length, x: 8 * nx, table: 8 * data.numbers.length, results: 8 * largest };
-    for (const name in this.bytes) sizes[`all.${name}`] = this.bytes[name];
-    const place = { stack: (data.code.constants + STACK) & -LINE };
+    const place = { stack: (this.data.code.constants + STACK) & -LINE }, sizes = this.sizes();
     let at = place.stack;
     for (const name in sizes) {
       place[name] = at;
@@ -49,6 +40,22 @@ class Runner {
     }
     return { ...place, end: at };
   }
+
+  /* The bytes of each array. */
+  sizes() {
+    const { data } = this, { memory } = data, nx = data.size, count = data.events.length;
+    const samples = Math.max(data.first.n[data.counts.LAST_SAMPLE], data.picture ? data.shown : 0, 1);
+    this.bytes = { w: 8 * memory.w, n: 8 * data.first.n.length, y: 8 * nx, p: 8 * memory.parameters.length,
+      numbers: 8 * data.own, out: 8 * nx * samples };
+    const sizes = { block: memory.block, saved: memory.block, clear: memory.block, p: this.bytes.p, ...memory.fixed, values: 8 * count,
+      bracket: 16 * (1 + count), stretches: 8 * memory.stretches.length, places: 8 * memory.places.length, job: 8 * memory.job.length, stop: 8, status: 8,
+      given: 8 * data.keys.length, x: 8 * nx, table: 8 * data.numbers.length, results: 8 * this.largest };
+    for (const name in this.bytes) sizes[`all.${name}`] = this.bytes[name];
+    return sizes;
+  }
+
+  /* The most outputs of any equations. */
+  get largest() { return Math.max(1, ...Object.values(this.data.outputs).map((own) => Object.values(own).reduce((a, b) => a + b, 0))); }
 
   connect() {
     const { data, place, bytes } = this, { memory } = data;

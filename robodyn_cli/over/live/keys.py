@@ -1,0 +1,176 @@
+"""Keys that vary within ranges in a scene that runs elsewhere, and the structure that serves all of them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.integrators.stepping.writer import Tables
+from robodyn_cli.kernels.wasm import WasmModule, write_wasm
+from robodyn_cli.model.model import Model
+from robodyn_cli.over.many.groups import Built
+from robodyn_cli.over.many.keys import OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
+from robodyn_cli.over.many.mechanism import Mechanism
+from robodyn_cli.record import record
+from robodyn_cli.scene.load import Family
+from robodyn_cli.spatial.algebra import Array
+
+MOST_CORNERS = 6  # keys of whose ranges all corners are looked at; of more, the ends of each alone
+SORTS = {STRUCTURE: "decides which equations there are", OPTION: "is an option of the run"}
+# functions of the C library that a browser has under the same names
+LIBRARY = frozenset(
+    {"exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2", "sin", "cos"}
+)
+AnyBuilt = TypeVar("AnyBuilt", bound=Built)
+
+
+@record
+class LiveKey:
+    """A key with a range: what it is, and its value in the scene."""
+
+    key: Key
+    value: float
+    low: float
+    high: float
+
+
+class LiveScene:
+    """A scene with some keys that vary within ranges, as code and data that need no Python.
+
+    Parameters
+    ----------
+    ranges : lowest and highest value of keys, in SI units. commands : those whose scenes can leave, by name.
+
+    Raises
+    ------
+    CapabilityError : what cannot leave, by name.
+    SceneError : the scene has no such key, or does not allow values of the range.
+    """
+
+    where = "run in a page"  # what the scene is to do, as refusals say it
+
+    def __init__(
+        self, family: Family, ranges: Mapping[str, tuple[float, float]], commands: Mapping[str, Any]
+    ) -> None:
+        self.family = family
+        scene = family.own
+        command = commands.get(scene.command or "")
+        if command is None:
+            raise CapabilityError(
+                f"a scene of {scene.command} cannot {self.where}; allowed: {', '.join(commands)}"
+            )
+        self.command, self.mechanism = command, Mechanism(family, list(ranges))
+        self.keys = [self._live_key(self.mechanism, key, ranges[key.name]) for key in self.mechanism.keys]
+        self.row = np.array([key.value for key in self.keys])
+
+    @property
+    def _sorts(self) -> dict[str, bool]:
+        """Why keys cannot vary here, by name."""
+        sorts = [(key.key.name, key.key.sort) for key in self.keys]
+        return {f"{name} {SORTS[sort]}": True for name, sort in sorts if sort in SORTS}
+
+    def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
+        """Return a key with its range.
+
+        Raises
+        ------
+        CapabilityError : it has no value, or one outside.
+        """
+        low, high = ends
+        if key.scale != 1.0:
+            raise CapabilityError(
+                f"{key.name} has a unit or a sign in the scene; allowed: the key without '#'"
+            )
+        value = value_of(mechanism.family, key.name)
+        if value is None:
+            raise CapabilityError(f"{key.name} has no value in the scene; give it one by --set")
+        if not low < high or not math.isfinite(low) or not math.isfinite(high):
+            raise CapabilityError(f"{key.name}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
+        if not low <= value <= high:
+            raise CapabilityError(
+                f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within"
+            )
+        return LiveKey(key, value, low, high)
+
+    def _built(self, mechanism: Mechanism, kind: type[AnyBuilt]) -> AnyBuilt:
+        """Return the structure that serves the scene and the corners of its ranges."""
+        rows = np.array([self.row, *self._corners()])
+        for error in mechanism.refusals(rows).values():
+            raise error
+        for key in self.keys:
+            if key.value in key.key.special:
+                raise CapabilityError(
+                    f"{key.key.name} is {key.value:g} in this scene, where the equations are others than beside it; "
+                    "give it another value by --set"
+                )
+        groups = list(mechanism.groups(self.command, rows))
+        own, served = next(
+            ((own, group) for own, group in groups if own is not None and 0 in group), (None, np.zeros(0))
+        )
+        if not isinstance(own, kind):
+            self.command.structure(self.family, mechanism.keys, self.row)  # which says why not
+            why = "its equations cannot be built for many runs"
+            if self.family.own.control is not None:
+                why = "its controller follows from the keys by computations in Python"
+            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+        if own.obstacle:
+            raise CapabilityError(f"this scene cannot {self.where}: {own.obstacle}")
+        left = sorted(set(range(len(rows))) - set(served.tolist()))
+        if left:
+            at = ", ".join(settings([key.key.name for key in self.keys], rows[left[0]]))
+            raise CapabilityError(
+                f"within these ranges the equations change: those at {at} are others; narrow them"
+            )
+        return own
+
+    def _corners(self) -> list[Array]:
+        """Return rows of values at the ends of the ranges."""
+        ends = [(key.low, key.high) for key in self.keys]
+        if len(ends) <= MOST_CORNERS:
+            return [np.array(row) for row in itertools.product(*ends)]
+        rows = []
+        for k, both in enumerate(ends):
+            for x in both:
+                row = self.row.copy()
+                row[k] = x
+                rows.append(row)
+        return rows
+
+    def _key_data(self, key: LiveKey, model: Model) -> dict[str, Any]:
+        place: Any = None
+        if key.key.sort == START:
+            group, _, name = key.key.place.partition(".")
+            place = [group, (model.q_names if group == "q" else model.v_names).index(name)]
+        return {
+            "name": key.key.name, "unit": key_unit(self.family, key.key, model), "value": key.value,
+            "low": key.low, "high": key.high, "special": list(key.key.special), "start": place,
+        }  # fmt: skip
+
+    def _module(self, texts: Sequence[str], exports: Sequence[str], given: Sequence[str] = ()) -> WasmModule:
+        """Return code of texts; given : functions that the caller has.
+
+        Raises
+        ------
+        CapabilityError : it needs functions that browsers do not have.
+        """
+        made = write_wasm(texts, exports)
+        if others := sorted(set(made.imports) - LIBRARY - set(given)):
+            raise CapabilityError(
+                f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
+            )
+        return made
+
+
+def entries_of(tables: Tables) -> list[Any]:
+    """Return the numbers of all tables, one after another."""
+    return [x for p in tables.programs for x in (p.numbers or (0.0,))]
+
+
+def columns(names: Sequence[str], units: Sequence[str], places: Sequence[int]) -> dict[str, Any]:
+    """Return columns of a state, or of samples, as data."""
+    return {"names": list(names), "units": list(units), "places": [int(k) for k in places]}
