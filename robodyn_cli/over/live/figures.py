@@ -58,7 +58,7 @@ def rule_of(tape: Tape, outputs: Mapping[str, Any]) -> tuple[Rule, dict[str, Any
     own = {key: tape.lift(x) for key, x in outputs.items()}
     if tape.assumed:
         good = [x.reshape(-1).all() for x in tape.assumed]
-        own["good"] = reduce(np.logical_and, [own["good"], *good] if "good" in own else good)  # type: ignore[arg-type]
+        own["good"] = reduce(np.logical_and, [own["good"], *good] if "good" in own else good)
     return (
         {"code": list(tape.code), "outputs": {key: x.place for key, x in own.items()}},
         {key: x.example for key, x in own.items()},

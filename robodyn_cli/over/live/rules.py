@@ -368,7 +368,8 @@ def _positive_parts(tape: Tape, y: Any, first: Array, last: Array, chosen: Any) 
 def _hidden_jumps(tape: Tape, times: Array, y: Any, breaks: Breaks) -> Any:
     """Take it that functions jump and bend nowhere but at breaks."""
     if len(y) >= 2 * POINTS:
-        tape.holds(~doubts(times, y, breaks)[1].any())
+        doubtful: Any = doubts(times, y, breaks)[1]
+        tape.holds(~doubtful.any())
     return [(slice(None), ())]
 
 
