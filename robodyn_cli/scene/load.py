@@ -69,9 +69,9 @@ def load_scene(source: GivenScene, overrides: Overrides = ()) -> Scene:
     Parameters
     ----------
     source : the file's path; its text, which has more than one line; a map with the keys of a scene, whose arrays are
-        lists, and whose ``trajectory`` may be a tuple of arrays ``(t, q)``, ``(t, q, qd)`` or ``(t, q, qd, qdd)``; or a
-        scene, which is returned as it is unless there are overrides. Files that a text or a map names are relative to
-        the working directory.
+        lists, and whose ``trajectory`` and ``control.reference`` may be tuples of arrays ``(t, q)``, ``(t, q, qd)`` or
+        ``(t, q, qd, qdd)``; or a scene, which is returned as it is unless there are overrides. Files that a text or a
+        map names are relative to the working directory.
     overrides : values by key, ``{"robot.links.link1.mass": 3.0}`` or nested; or ``key.path=value`` texts, in order.
 
     Raises
@@ -257,8 +257,10 @@ def _notes(includer: Includer, scene: Scene) -> tuple[str, ...]:
     undrawn = list(dict.fromkeys(includer.undrawn))
     if undrawn:
         notes.append(f"meshes left out of pictures: {len(undrawn)}; the first: {undrawn[0]}")
-    if includer.unnamed and scene.trajectory is not None:
-        notes.append(f"trajectory: {scene.trajectory.told()}")
+    for key in includer.unnamed:
+        motion = scene.trajectory if key == "trajectory" else scene.control and scene.control.reference
+        if motion is not None:
+            notes.append(f"{key}: {motion.told()}")
     return tuple(dict.fromkeys(notes))
 
 
@@ -289,15 +291,21 @@ def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node
 
             root = with_catalogue(root)
     root = includer.whole(kind, root)
-    table = root.get("trajectory") if isinstance(root, Mapping) else None
-    if not isinstance(root, Mapping) or not isinstance(table, Mapping):
+    if not isinstance(root, Mapping) or not _has_table(root):
         return root
-    if table.get("rows") is not None and table.get("columns") is None:
-        from robodyn_cli.scene.text.values import with_columns
+    from robodyn_cli.scene.text.values import unnamed_tables, with_columns
 
-        includer.unnamed = True
-        root = with_columns(root, formula_names(root).joints)
+    includer.unnamed = unnamed_tables(root)
+    for motion in includer.unnamed:
+        root = with_columns(root, motion, formula_names(root).joints)
     return root
+
+
+def _has_table(root: Mapping) -> bool:
+    """Tell whether a motion of a scene may be a table: the module for these is loaded for no other."""
+    control = root.get("control")
+    given = [root.get("trajectory"), control.get("reference") if isinstance(control, Mapping) else None]
+    return any(isinstance(one, Mapping) and one.get("rows") is not None for one in given)
 
 
 def _checked(root: Node, faults: Faults) -> Scene | None:

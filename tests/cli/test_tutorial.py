@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.cli.tool import ROOT
@@ -39,8 +40,11 @@ def test_the_tutorial_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
             views = [view() for kind in SHOWN if (view := getattr(value, kind, None)) is not None]
             shown += [len(view) for view in views if view is not None]
     assert sorted(Path().iterdir()) == before, "nothing is written"
-    assert len(shown) == 6 and min(shown) > 5000, shown
+    assert len(shown) == 11 and min(shown) > 5000, shown
     text = capsys.readouterr().out
     assert "peak torque 168.285 N m" in text and "locked at 12.2829956 s" in text
+    assert "phase 60.27 deg" in text and "overshoot 0.042 %, settled after 0.8639 s" in text
+    saved = names["weights"]["outputs/loop.cart.delay_margin"]
+    assert np.all(np.diff(saved) > 0.0), "a weaker controller bears a later torque"
     found, fitted = names["found"], dict(zip(names["masses"], names["fitted"]))
     assert fitted == pytest.approx({key: slope["derivative"] for key, slope in found.items()}, rel=0.1)

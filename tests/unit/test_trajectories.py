@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.formula import parse
-from robodyn_cli.scene import load_scene_text
+from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.cartesian import CartesianTrajectory
 from robodyn_cli.trajectories.circle import CircleTrajectory
@@ -297,3 +297,22 @@ def test_rows_without_names_are_of_all_joints() -> None:
         SceneError, match=re.escape("has 4 numbers for the joints j1, j2; needed without 'columns': 3, 5, 7")
     ):
         trajectory("{type: table, rows: [[0, 1, 2, 3], [1, 1, 2, 3]]}")
+
+
+def test_arrays_are_references_of_controllers() -> None:
+    """Of all joints, or of those that the controller names, in the map of a scene and as an override."""
+    t = np.linspace(0.0, 2.0, 21)
+    q, qd = np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([np.cos(t), -np.sin(t)])
+    law = {"type": "pd", "gains": {"kp": 100}}
+    scene = load_scene(ROBOT, {"control": law, "control.reference": (t, q, qd), "simulate.duration": 0.1})
+    assert scene.control is not None and scene.control.reference is not None
+    assert scene.control.reference.columns == ("t", "j1", "j2", "qd.j1", "qd.j2")  # type: ignore[attr-defined]
+    assert any(note.startswith("control.reference: 21 rows, interpolation hermite") for note in scene.notes)
+    driven = {**law, "joints": ["j2"], "reference": (t, q[:, 1])}
+    one = load_scene(ROBOT, {"control": driven})
+    assert one.control.reference.columns == ("t", "j2")  # type: ignore[union-attr, attr-defined]
+    with pytest.raises(SceneError, match=re.escape("is no motion: arrays of shapes (21,), (20, 2)")):
+        load_scene(ROBOT, {"control": {**law, "reference": (t, q[1:])}})
+    with pytest.raises(SceneError, match=re.escape("has 7 numbers for the joints j2; needed")) as raised:
+        load_scene(ROBOT, {"control": {**law, "joints": ["j2"], "reference": (t, q, qd, qd)}})
+    assert "control.reference.rows.0" in str(raised.value)

@@ -182,7 +182,7 @@ class Includer:
     """Includes files and remembers which; a value whose file cannot be included stays as it is.
 
     packages : folders of the meshes of robots in other formats, by name. undrawn : meshes that could not be read, and
-    why. unnamed : the motion is a table whose columns have no names, as arrays of Python.
+    why. unnamed : keys of motions that are tables whose columns have no names, as arrays of Python.
     """
 
     def __init__(self, faults: nodes.Faults) -> None:
@@ -191,7 +191,7 @@ class Includer:
         self.descriptions: list[Description] = []
         self.packages: MappingOf[str, str] = {}
         self.undrawn: list[str] = []
-        self.unnamed = False
+        self.unnamed: list[str] = []
 
     def open_root(self, path: str) -> nodes.Node:
         """Return the tree of the scene file itself."""

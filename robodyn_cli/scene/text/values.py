@@ -12,7 +12,7 @@ from robodyn_cli.scene.text.yaml_text import MAX_DEPTH, flow
 
 ALLOWED = "allowed: numbers, texts, truth values, None, lists, maps and arrays of these"
 
-TRAJECTORY = "trajectory"
+MOTIONS = ("trajectory", "control.reference")  # keys of motions, which arrays may give
 MOTION = "allowed: (t, q), (t, q, qd) or (t, q, qd, qdd) with t (T,) and the others (T, n), a column a joint"
 
 # keys with values, nested or dotted; texts ``key.path=value``; or one such text
@@ -43,7 +43,7 @@ def _node(value: Any, place: nodes.Scalar, path: nodes.Path) -> nodes.Node:
         return nodes.mapping(place, entries)
     if type(value).__module__ == "numpy":  # arrays and their scalars, without numpy being imported here
         value = value.tolist()
-    if isinstance(value, tuple) and path == (TRAJECTORY,):
+    if isinstance(value, tuple) and nodes.dotted(path) in MOTIONS:
         return _node(_motion(value, place, path), place, path)
     if isinstance(value, (list, tuple)):
         return nodes.sequence(place, [_node(x, place, (*path, k)) for k, x in enumerate(value)])
@@ -93,25 +93,57 @@ def _motion(value: tuple[Any, ...], place: nodes.Scalar, path: nodes.Path) -> di
     return {"type": "table", "rows": np.column_stack([t, *columns])}
 
 
-def with_columns(root: nodes.Mapping, joints: Sequence[str]) -> nodes.Mapping:
-    """Return a scene whose table has names of columns: of ``t``, all joints, and their rates where rows have them."""
-    table = root.get(TRAJECTORY)
+def unnamed_tables(root: nodes.Mapping) -> list[str]:
+    """Return the keys of the motions of a scene that are tables without names of columns, as arrays are."""
+    tables = {key: _at(root, key.split(".")) for key in MOTIONS}
+    return [
+        key
+        for key, table in tables.items()
+        if isinstance(table, nodes.Mapping) and table.get("rows") is not None and table.get("columns") is None
+    ]
+
+
+def _at(node: nodes.Node | None, keys: Sequence[str]) -> nodes.Node | None:
+    for key in keys:
+        node = node.get(key) if isinstance(node, nodes.Mapping) else None
+    return node
+
+
+def with_columns(root: nodes.Mapping, motion: str, joints: Sequence[str]) -> nodes.Mapping:
+    """Return a scene whose table has names of columns: ``t``, joints, and their rates where rows have them.
+
+    Joints are all, or those that a controller names where the table is its reference.
+    """
+    above, _, last = motion.rpartition(".")
+    if above:
+        within = root.get(above)
+        assert isinstance(within, nodes.Mapping)
+        driven = within.get("joints")
+        if isinstance(driven, nodes.Sequence):
+            joints = [x.text for x in driven.items if isinstance(x, nodes.Scalar)]
+        own = _named_columns(within, last, motion, joints)
+        return root.replaced(root.key(above) or nodes.scalar(within, above), own)
+    return _named_columns(root, last, motion, joints)
+
+
+def _named_columns(within: nodes.Mapping, last: str, motion: str, joints: Sequence[str]) -> nodes.Mapping:
+    table = within.get(last)
     assert isinstance(table, nodes.Mapping)
     rows = table.get("rows")
     first = rows.items[0] if isinstance(rows, nodes.Sequence) and rows.items else None
     if not isinstance(first, nodes.Sequence) or not joints:
-        return root
+        return within
     count, left = divmod(len(first.items) - 1, len(joints))
     if left or not 1 <= count <= 3:
         needed = ", ".join(str(1 + k * len(joints)) for k in (1, 2, 3))
         raise nodes.located(
-            first, f"{TRAJECTORY}.rows.0", f"has {len(first.items)} numbers for the joints {', '.join(joints)}; needed "
+            first, f"{motion}.rows.0", f"has {len(first.items)} numbers for the joints {', '.join(joints)}; needed "
             f"without 'columns': {needed} (t, positions, rates, accelerations)",
         )  # fmt: skip
     names = ["t", *(f"{sign}{joint}" for sign in ("", "qd.", "qdd.")[:count] for joint in joints)]
     columns = nodes.sequence(table, [nodes.scalar(table, name) for name in names])
     key = nodes.scalar(table, "columns")
-    return root.replaced(root.key(TRAJECTORY) or key, table.replaced(key, columns))
+    return within.replaced(within.key(last) or key, table.replaced(key, columns))
 
 
 def text_of(value: Any, path: nodes.Path = ()) -> str:
