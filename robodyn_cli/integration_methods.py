@@ -38,6 +38,8 @@ _TABLE = (
     IntegrationMethod("gauss14", "gauss:Gauss", 14, symplectic=True),
     IntegrationMethod("dop853", "explicit:dop853", 8),
     IntegrationMethod("dopri5", "explicit:dopri5", 5),
+    IntegrationMethod("taylor12", "taylor:Taylor", 12),
+    IntegrationMethod("taylor16", "taylor:Taylor", 16),
     IntegrationMethod("rodas5p", "rosenbrock:rodas5p", 5, stiff=True),
     IntegrationMethod("rosenbrock23", "rosenbrock:rosenbrock23", 2, stiff=True),
     IntegrationMethod("bdf", "bdf:Bdf", 5, stiff=True),

@@ -126,7 +126,7 @@ class _Lowering:
         args = [self.value(a) for a in i.args]
         if i.op == "table":
             first, *shape = i.value
-            return piecewise(f, args[0], f.offset(self._numbers.base, first), *shape)
+            return piecewise(f, args[0], f.offset(self._numbers.base, first), shape)
         return operation(f, i.op, args, self.fused)
 
 
@@ -157,13 +157,19 @@ def lower(
     width : lanes of the arithmetic.
     fused : whether the target has fused multiply-add.
     """
+    values = values_of(f, program, inputs, width, fused)
+    return {
+        name: [f.constant(e, width) if isinstance(e, float) else values[e] for e in entries]
+        for name, entries in program.outputs.items()
+    }
+
+
+def values_of(f: Function, program: Program, inputs: Inputs, width: int, fused: bool) -> list[Value]:
+    """Emit a program and return the value of each of its instructions; as ``lower``."""
     state = _Lowering(f, program, inputs, width, fused)
     for k in range(len(program.instructions)):
         state.need(k)
-    return {
-        name: [f.constant(e, width) if isinstance(e, float) else state.value(e) for e in entries]
-        for name, entries in program.outputs.items()
-    }
+    return [state.value(k) for k in range(len(program.instructions))]
 
 
 def call_program(
@@ -237,7 +243,7 @@ class Programs:
         inputs : as of ``lower``, or arrays in memory.
         """
         if is_inlined(program):
-            return lower(f, program, _values(f, program, inputs, width), width, self.fused)
+            return lower(f, program, loaded(f, program, inputs, width), width, self.fused)
         if self.interpreted:
             return self._interpret(f, program, inputs, width)
         name = f"program.{program.digest[:12]}.{width}"
@@ -282,7 +288,7 @@ class Programs:
         }
 
 
-def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs:
+def loaded(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs:
     """Load those inputs that are in memory, as far as they are used."""
     used = {i.value for i in program.instructions if i.op == "sym"}
     zero = f.constant(0.0, width)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -206,8 +207,12 @@ def halvings(n: int) -> int:
     return max(1, (n - 1).bit_length())
 
 
-def piecewise(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -> Value:
-    """Return the polynomial at x, lane by lane; the numbers begin at the address ``at``."""
+def piecewise(f: Function, x: Value, at: str, shape: Sequence[int]) -> Value:
+    """Return the polynomial at x, lane by lane; the numbers begin at the address ``at``.
+
+    shape : knots, degree, whether values are held beyond the ends, and which derivative is wanted, by default none.
+    """
+    n, degree, held, derivative = (*shape, 0)[:4]
     rows = [f.offset(at, n + power * (n - 1)) for power in range(degree + 2)]
     results = []
     for k in range(x.width):
@@ -217,10 +222,18 @@ def piecewise(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -
             _halve(f, u, at, low, high)
         i = f.load_int(low)
         s = u - f.load(f.offset(at, i))
-        value = f.load(f.offset(rows[degree], i))
-        for power in reversed(range(degree)):
-            value = f.load(f.offset(rows[power], i)) + s * value
-        if held:
+
+        def coefficient(power: int, i: Int = i) -> Value:
+            x = f.load(f.offset(rows[power], i))
+            return x if derivative == 0 else x * float(math.perm(power, derivative))
+
+        value = coefficient(degree)
+        for power in reversed(range(derivative, degree)):
+            value = coefficient(power) + s * value
+        if held and derivative:
+            inside = f.compare("oge", u, f.load(at)) & f.compare("olt", u, f.load(f.offset(at, n - 1)))
+            value = f.select(inside, value, f.select(f.compare("uno", u, 0.0), u, 0.0))
+        elif held:
             value = _beyond_ends(f, u, value, at, f.offset(at, n - 1), rows[-1])
         results.append(value)
     return f.pack(results, x.width)

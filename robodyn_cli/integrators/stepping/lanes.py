@@ -112,7 +112,7 @@ def _write_loop(w: LaneWriter, stepper: Stepper[Any]) -> None:
         t, end = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END)
         with f.strict():
             left = end - t
-        step = step_over(w, t, left, adaptive=True)
+        step = step_over(w, stepper, t, left)
         f.store_int(0, w.integer_at(IntegerSlot.RATE_KNOWN))
         with f.block() as failed:
             attempt = stepper.attempt(step.t, step.h, failed)

@@ -88,7 +88,7 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
 
                 update_when_due(w, w.system.updates, run)
             _write_samples(w, stepper, run)
-            step = _next_step(w, stepper.method.adaptive, run)
+            step = _next_step(w, stepper, run)
             with f.block() as failed:
                 attempt = stepper.attempt(step.t, step.h, failed)
                 verdict = judge(w, stepper.method.adaptive, stepper.control, step.h, attempt)
@@ -113,7 +113,7 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
     f.ret(f.select_int(w.is_finite(w.state), run.status, int(Status.NOT_FINITE)))
 
 
-def _next_step(w: Writer, adaptive: bool, run: Exit) -> Step:
+def _next_step(w: Writer, stepper: Stepper[Any], run: Exit) -> Step:
     """Choose the step to try; the run ends where there is none."""
     f = w.f
     t, end = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END)
@@ -128,13 +128,15 @@ def _next_step(w: Writer, adaptive: bool, run: Exit) -> Step:
 
         with f.strict():
             left = bound(w) - t
-    return step_over(w, t, left, adaptive)
+    return step_over(w, stepper, t, left)
 
 
-def step_over(w: Writer, t: Value, left: Value, adaptive: bool) -> Step:
+def step_over(w: Writer, stepper: Stepper[Any], t: Value, left: Value) -> Step:
     """Return the step to try at t with so much time left."""
-    f = w.f
-    wanted = f.min(w.get(DoubleSlot.H), w.get(DoubleSlot.H_MAX))
+    f, adaptive = w.f, stepper.method.adaptive
+    wanted, longest = f.min(w.get(DoubleSlot.H), w.get(DoubleSlot.H_MAX)), stepper.begin(t)
+    if adaptive and longest is not None:
+        wanted = f.min(wanted, longest)
     with f.strict():
         last = f.compare("oge", wanted * STRETCH, left)
         if adaptive:

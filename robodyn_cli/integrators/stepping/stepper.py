@@ -143,6 +143,10 @@ class Stepper(Generic[Kept]):
         self.w = w
         self.f = w.f
 
+    def begin(self, t: Value) -> Value | None:
+        """Emit what a step from t takes whatever its length; return the longest that this allows, None: any."""
+        return None
+
     def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Kept]:
         """Emit one attempted step from the state; may leave ``failed`` with the length to try next in ``%w``."""
         raise NotImplementedError

@@ -221,16 +221,19 @@ class Writer:
         self, program: Program, t: Value, x: Array, **more: list[Value] | Array
     ) -> dict[str, list[Value]]:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
-        f, width = self.f, x.width
+        return self.programs.evaluate(self.f, program, {**self.inputs(program, t, x), **more}, x.width)
+
+    def inputs(self, program: Program, t: Value, x: Array) -> dict[str, list[Value] | Array]:
+        """Return the inputs of a program of the system at time t and state x = (q, v, z)."""
+        f = self.f
         first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
-        inside, numbers = self.inside(t), self.numbers(program)
-        inputs: dict[str, list[Value] | Array] = {**more, "t": [inside], NUMBERS: numbers}
+        inputs: dict[str, list[Value] | Array] = {"t": [self.inside(t)], NUMBERS: self.numbers(program)}
         for group, count in program.inputs.items():
             if group == "p":
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
                 inputs[group] = x.part(first[group])
-        return self.programs.evaluate(f, program, inputs, width)
+        return inputs
 
     def inside(self, t: Value) -> Value:
         """Return times (lanes) put inside the stretch between two breakpoints.
