@@ -59,6 +59,13 @@ class ExportedLoop:
         memory = np.zeros(self.sizes[0])
         return memory, int(self.code.own_loop_begin(_at(memory), _at(np.append(row, 0.0)), again))
 
+    def start(self, row: np.ndarray) -> np.ndarray | None:
+        """Return the positions of a start, None where that is left to the program."""
+        memory, reason = self.begin(row)
+        state = np.zeros(self.states)
+        self.code.own_loop_state(_at(memory), _at(state))
+        return None if reason else state[list(self.structure.system.q_places)]
+
     def to(self, memory: np.ndarray, time: float) -> tuple[int, np.ndarray]:
         state = np.zeros(self.states)
         return int(self.code.own_loop_to(_at(memory), ctypes.c_double(time), _at(state))), state

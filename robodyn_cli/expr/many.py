@@ -141,6 +141,19 @@ class ManyNumbers:
             return float(x if isinstance(x, float) else x[0])
         return np.atleast_1d(x)
 
+    def rows(self, runs: NDArray[np.intp]) -> ManyNumbers:
+        """Return the numbers of some of the runs (n,), each as often as it is named."""
+
+        def own(x: Any) -> Any:
+            if isinstance(x, tuple):
+                return tuple(map(own, x))
+            return x[runs] if isinstance(x, np.ndarray) and x.ndim and len(x) == self.runs else x
+
+        rows = ManyNumbers(self.recipe, {}, len(runs))
+        rows.given = {place: own(x) for place, x in self.given.items()}
+        rows._values = [own(x) for x in self._computed()]
+        return rows
+
     def table(self, numbers: Sequence[float]) -> Array:
         """Return the values (N, n) of n numbers."""
         return self._joined(self._take(self.recipe.values_of(numbers)))

@@ -1,27 +1,22 @@
-"""The closure equations on numbers: the rank of their Jacobian, and the damped Gauss-Newton steps that solve them.
-
-The configurations in which loops close, found from many starts.
-
-Newton's method runs from quasi-random starts (Halton 1960); solutions that differ by whole turns count as one. The
-search finds configurations with a sizeable region of attraction. It does not prove that there are no others.
-"""
+"""The closure equations on numbers: the rank of their Jacobian, and the damped Gauss-Newton steps that solve them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import derived
+from robodyn_cli.expr.functions import maximum, sqrt
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, vector
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
@@ -30,6 +25,8 @@ HALVINGS = 12  # of a step that does not lessen the residual
 PATIENT = 3  # steps in a row that may fail to halve the residual
 TINY = 1e-300
 CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
+SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one
+SLOW = 6  # steps in a row that may fail to halve the residual
 CUT = 1e-12  # ratio of singular values below which steps leave a direction alone
 WORTH = 200_000  # operations in Python from which on reading code that works them off takes less time
 ROUNDED = 1e-6  # the same, and the residual, for redundant rows that contradict by rounding in the data
@@ -49,11 +46,17 @@ def rank(A: Array, tolerance: float = RANK) -> int:
 
 def has_full_rank(A: Array, tolerance: float) -> NDArray[np.bool_]:
     """Tell of which matrices (T, m, n) all singular values count; of none that is not finite. See ``rank``."""
+    full: NDArray[np.bool_] = regularity(A) > tolerance
+    return full
+
+
+def regularity(A: Array) -> Array:
+    """Return the ratios of least to largest singular value of matrices A (T, m, n), 0 of those that are not finite."""
     finite: Any = np.isfinite(A).all(axis=(1, 2))
     known: Array = np.where(finite[:, None, None], A, 0.0)
     sigma = np.linalg.svd(known, compute_uv=False)
-    full: NDArray[np.bool_] = sigma[:, -1] > tolerance * np.maximum(sigma[:, 0], 1e-300)
-    return full
+    ratio: Array = sigma[:, -1] / np.maximum(sigma[:, 0], 1e-300)
+    return ratio
 
 
 class Conditions(Protocol):
@@ -114,9 +117,19 @@ def _lengths(model: Model) -> list[float]:
     return [0.0 if isinstance(x, Expr) else x for place in (*places, *bars) for x in place]
 
 
-def _size(bodies: int, lengths: Sequence[float]) -> float:
-    distances = [math.hypot(*lengths[k : k + 3]) for k in range(0, len(lengths), 3)]
-    total = max([sum(distances[:bodies]), *distances[bodies:]])
+def staged_size(model: Model) -> float:
+    """Return the same by arithmetic of numbers of the scene alone, which leaves the program without Python."""
+    return _size(len(model.bodies), _lengths(model), lambda *r: sqrt(sum(x * x for x in r)), maximum)
+
+
+def _size(
+    bodies: int,
+    lengths: Sequence[float],
+    length: Callable[..., float] = math.hypot,
+    larger: Callable[[float, float], float] = max,
+) -> float:
+    distances = [length(*lengths[k : k + 3]) for k in range(0, len(lengths), 3)]
+    total = reduce(larger, [sum(distances[:bodies]), *distances[bodies:]])
     return total if total > 0.0 else 1.0
 
 
@@ -268,10 +281,13 @@ def _within_reach(F: Array, J: Array, cut: float) -> Array:
 
 
 class ManyConditions(Protocol):
-    """``Conditions`` of many runs side by side, on positions (N, nq) that are sums of steps."""
+    """``Conditions`` of many runs side by side, on positions (N, nq) that are sums of steps; lengths and sizes may
+    be those of each run (N, ...)."""
 
-    lengths: Array
-    sizes: Array
+    @property
+    def lengths(self) -> Array: ...
+    @property
+    def sizes(self) -> Array: ...
 
     def at_runs(self, q: Array) -> tuple[Array, Array]:
         """Return F (N, m) and J (N, m, nv)."""
@@ -281,12 +297,13 @@ class ManyConditions(Protocol):
 def newton_of_many(conditions: ManyConditions, q: Array, free: Sequence[int]) -> tuple[Array, Array]:
     """Return positions q (N, nq) moved by the steps of ``newton`` in many runs, and the relative residuals (N,)."""
     columns, q = list(free), q.copy()
-    lengths, sizes = conditions.lengths[columns], conditions.sizes
+    lengths, sizes = conditions.lengths[..., columns], conditions.sizes
 
     def at(q: Array) -> tuple[Array, Array, Array]:
         F, J = conditions.at_runs(q)
         F = F / sizes
-        return F, J[:, :, columns] * lengths / sizes[:, None], np.abs(F).max(axis=1, initial=0.0)
+        scaled = J[:, :, columns] * lengths[..., None, :] / sizes[..., :, None]
+        return F, scaled, np.abs(F).max(axis=1, initial=0.0)
 
     F, J, size = at(q)
     active, slow = np.isfinite(size), np.zeros(len(q))
@@ -295,8 +312,7 @@ def newton_of_many(conditions: ManyConditions, q: Array, free: Sequence[int]) ->
         if not active.any():
             break
         step = np.zeros((len(q), len(columns)))
-        step[active] = least_steps(J[active], -F[active])
-        step *= np.minimum(1.0, MOST_STEP / np.maximum(np.abs(step).max(axis=1, initial=0.0), TINY))[:, None]
+        step[active] = capped(least_steps(J[active], -F[active]))
         waiting, before = active.copy(), size.copy()
         for _ in range(HALVINGS):
             trial = q.copy()
@@ -313,6 +329,12 @@ def newton_of_many(conditions: ManyConditions, q: Array, free: Sequence[int]) ->
         slow = np.where(size > 0.5 * before, slow + 1, 0)
         active &= ~waiting
     return q, size
+
+
+def capped(steps: Any) -> Any:
+    """Return steps (N, n) with none longer than ``MOST_STEP``."""
+    longest = np.abs(steps).max(axis=1, initial=0.0)
+    return steps * np.minimum(1.0, MOST_STEP / np.maximum(longest, TINY))[:, None]
 
 
 def least_steps(J: Array, F: Array) -> Array:
@@ -333,68 +355,3 @@ def least_steps(J: Array, F: Array) -> Array:
     except np.linalg.LinAlgError:
         steps = np.linalg.pinv(J, rcond=CUT) @ right
     return steps[..., 0]
-
-
-SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one
-SLOW = 6  # steps in a row that may fail to halve the residual
-FEWEST = 48  # starts at least
-PATIENCE = 16  # starts without anything new, for each branch found
-
-
-@record
-class ClosureSearch:
-    """Configurations (nq,) in the order of discovery, the number of starts, and how many of them closed the loops."""
-
-    found: list[Array]
-    starts: int
-    closed: int
-
-
-def halton(count: int, dimensions: int) -> Array:
-    """Return the first ``count`` points (count, dimensions) of Halton's sequence in the unit cube, 0 left out."""
-    primes: list[int] = []
-    candidate = 2
-    while len(primes) < dimensions:
-        if all(candidate % p for p in primes):
-            primes.append(candidate)
-        candidate += 1
-    points = np.zeros((count, dimensions))
-    for column, base in enumerate(primes):
-        for k in range(count):
-            n, weight = k + 1, 1.0 / base
-            while n:
-                points[k, column] += weight * (n % base)
-                n, weight = n // base, weight / base
-    return points
-
-
-def search(
-    close: Callable[[Array], tuple[Array, float]],
-    starts: Iterable[Array],
-    signature: Callable[[Array], Array],
-    accepted: Callable[[Array], bool],
-) -> ClosureSearch:
-    """Return the configurations that close, in the order in which the starts lead to them.
-
-    Parameters
-    ----------
-    close : gives the configuration that a start leads to, and what is left of the conditions there.
-    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up.
-    signature : numbers that agree, to ``SAME``, if and only if configurations do.
-    accepted : whether a closed configuration has the attitudes that the closures ask for.
-    """
-    poses: list[Array] = []
-    marks: list[Array] = []
-    closed, last, count = 0, 0, 0
-    for count, start in enumerate(starts, start=1):
-        q, residual = close(start)
-        if residual <= CLOSED and accepted(q):
-            closed += 1
-            mark = signature(q)
-            if not any(float(np.abs(mark - other).max(initial=0.0)) < SAME for other in marks):
-                poses.append(q)
-                marks.append(mark)
-                last = count
-        if count >= FEWEST and count - last > PATIENCE * (len(poses) + 1):
-            break
-    return ClosureSearch(poses, count, closed)

@@ -26,7 +26,8 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import assemble as close_loops
 from robodyn_cli.solve.closing.descent import Aligned, descend
 from robodyn_cli.solve.closing.nearest import ClosedPose
-from robodyn_cli.solve.closure import RANK, SLOW, Numbers, halton, newton, rank, search
+from robodyn_cli.solve.closing.search import halton, search
+from robodyn_cli.solve.closure import RANK, SLOW, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import (
     AssembleSummary,

@@ -9,7 +9,7 @@ from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.result import Result
-from robodyn_cli.solve.closure import halton
+from robodyn_cli.solve.closing.search import halton
 from robodyn_cli.works.assemble import assemble
 from tests.mechanisms import BENNETT, CONFIGS, SIX_BAR, SLIDER, close
 

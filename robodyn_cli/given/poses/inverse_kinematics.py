@@ -31,7 +31,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closure import halton
+from robodyn_cli.solve.closing.search import halton
 from robodyn_cli.solve.poses.closed_form import ClosedForm
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.threads import ThreadSafe, one_at_a_time

@@ -22,27 +22,21 @@ from robodyn_cli.motion.method import FAST_DECAYS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
 from robodyn_cli.over.commands import locks
+from robodyn_cli.over.live.closing import record_closing
 from robodyn_cli.over.live.inertia import at_start
 from robodyn_cli.over.live.rules import Recorded, Tape
 from robodyn_cli.over.many.course import samplings
 from robodyn_cli.over.many.integrate import SOUND, RunBatch, balances
 from robodyn_cli.over.many.simulate import MotionCommand
-from robodyn_cli.over.many.start import ManyClosing
 from robodyn_cli.ready.mass_matrix import INDEFINITE, negative_part
-from robodyn_cli.solve import closure
-from robodyn_cli.solve.closure import has_full_rank, least_steps
+from robodyn_cli.solve.closing.together import ManyClosing
+from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.works.deploy.growth import rounding_at_lock
 from robodyn_cli.works.deploy.lock import TRUSTED
 
 SQUARINGS = 6  # of the Jacobian, whose norm bounds its eigenvalues
-
-
-def limits_of_closing() -> dict[str, float]:
-    """Return the constants of ``newton_of_many``."""
-    names = ("ITERATIONS", "HALVINGS", "PATIENT", "TINY", "CLOSED")
-    return {name: getattr(closure, name) for name in names}
 
 
 class JudgedStructure(Protocol):
@@ -211,7 +205,7 @@ class Judging:
     def _record_start(self) -> None:
         closing, motion = self.live.closing, self.motion
         if closing is not None:
-            self._record_closing(closing)
+            record_closing(closing, self.batch.starts, self._keep)
         if "inertia" in self.live.equations:
             tape, (M, rows) = Tape(), at_start(motion)
             psi = tape.input("psi", rows) if rows.size else rows
@@ -226,34 +220,6 @@ class Judging:
             self._record_regular("regular.start", motion.passive)
             self._record_regular("regular.lock", ())
             self._record_beside()
-
-    def _record_closing(self, closing: Any) -> None:
-        q: Any = self.batch.starts.q
-        eta: Any = closing.eta(q)
-        psi: Any = closing.psi(q)
-        for name, columns in (("missing", closing.missing), ("free", closing.free)):
-            if columns:
-                tape = Tape()
-                F = tape.input("eta", eta + 1e-3) / closing.sizes
-                J = tape.input("psi", psi)[:, :, columns] * closing.lengths[columns] / closing.sizes[:, None]
-                step = least_steps(J, -F)
-                step = (
-                    step
-                    * np.minimum(
-                        1.0,
-                        closure.MOST_STEP / np.maximum(np.abs(step).max(axis=1, initial=0.0), closure.TINY),
-                    )[:, None]
-                )
-                moves = step * closing.lengths[columns]
-                self._keep(f"step.{name}", tape, {"step": moves @ np.eye(closing.nv)[columns]})
-        tape = Tape()
-        eta, psi = tape.input("eta", eta), tape.input("psi", psi)
-        q = tape.input("q", q)
-        cosines = tape.input("cosines", np.ones((1, len(closing.one.rows))))
-        rates, sound = closing.rates_of_closed(eta, psi, cosines, tape.input("v", self.batch.starts.v))
-        if closing.missing:
-            sound = sound & closing.on_branch(q, psi)
-        self._keep("closed", tape, {"v": rates, "good": sound})
 
     def _record_regular(self, name: str, columns: tuple[int, ...]) -> None:
         tape = Tape()
@@ -363,7 +329,7 @@ REASONS = {
     "range": "a value is outside its range",
     "special": "at this very value the equations are others",
     "structure": "these values have other equations",
-    "closed": "the loops do not close near the scene's own pose",
+    "closed": "the loops do not close from the start that is given, or not in one pose for sure",
     "definite": "the mass matrix is not positive at the start: there are no bodies with these inertias",
     "slow": "the motion may be stiff there",
     "balance": "the balance of energy is lost",

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.wasm import WasmModule, write_wasm
 from robodyn_cli.model.model import Model
@@ -120,13 +120,24 @@ class LiveScene:
             raise CapabilityError(f"this scene cannot {self.where}: {why}")
         if own.obstacle:
             raise CapabilityError(f"this scene cannot {self.where}: {own.obstacle}")
-        left = sorted(set(range(len(rows))) - set(served.tolist()))
+        others = sorted(set(range(len(rows))) - set(served.tolist()))
+        left = [k for k in others if not self._serves(own, mechanism, rows[k])]
         if left:
             at = ", ".join(settings([key.key.name for key in self.keys], rows[left[0]]))
             raise CapabilityError(
                 f"within these ranges the equations change: those at {at} are others; narrow them"
             )
         return own
+
+    def _serves(self, own: Built, mechanism: Mechanism, row: Array) -> bool:
+        """Tell whether a structure has the equations of a row, or the loops do not close there, which runs find out."""
+        try:
+            other = self.command.structure(self.family, mechanism.keys, row)
+        except GeometryError:
+            return True
+        except RobodynError:
+            return False
+        return bool(own.fits(row[None])[0]) and own.has_numbers_of(other)
 
     def _corners(self) -> list[Array]:
         """Return rows of values at the ends of the ranges."""

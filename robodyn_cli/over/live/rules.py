@@ -24,7 +24,7 @@ Values = NDArray[Any]
 # the same element by element, with an entry of each argument
 ELEMENTWISE = frozenset({
     "add", "subtract", "multiply", "divide", "negative", "absolute", "sqrt", "power", "minimum", "maximum", "rint",
-    "sign", "isfinite", "isnan", "less", "less_equal", "greater", "greater_equal", "equal", "not_equal",
+    "floor", "sign", "isfinite", "isnan", "less", "less_equal", "greater", "greater_equal", "equal", "not_equal",
     "logical_and", "logical_or", "logical_not", "where", "exp", "log",
 })  # fmt: skip
 LOGICAL = {"bitwise_and": "logical_and", "bitwise_or": "logical_or", "invert": "logical_not"}

@@ -19,6 +19,7 @@ from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.wasm import WASM, WasmModule
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.over.commands import locks
+from robodyn_cli.over.live.closing import closing_data, closing_of
 from robodyn_cli.over.live.code import (
     PASSED,
     StateEquations,
@@ -28,7 +29,7 @@ from robodyn_cli.over.live.code import (
     numbers_text,
 )
 from robodyn_cli.over.live.inertia import inertia_equations
-from robodyn_cli.over.live.judging import Judging, limits_of_closing
+from robodyn_cli.over.live.judging import Judging
 from robodyn_cli.over.live.keys import LiveScene, columns, entries_of
 from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rules import plain
@@ -38,10 +39,10 @@ from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.over.many.keys import NUMBER, START
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.many.simulate import MotionCommand
-from robodyn_cli.over.many.start import ManyClosing
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.registry import Registry
 from robodyn_cli.scene.load import Family
+from robodyn_cli.solve.closing.together import ManyClosing
 
 SHOWN = 400  # stretches between samples that a picture takes, at most
 STATE = ("t", "q", "v", "z")
@@ -98,19 +99,9 @@ class LiveStructure(LiveScene):
 
     def _closing(self) -> ManyClosing | None:
         """Return what closes the loops at the start for other values; None where they stay as they are."""
-        motion = self.motion
-        if not motion.problem.constraints.rows:
-            return None
-        initial = motion.scene.initial
-        q, qd = dict(initial.q), dict(initial.qd)
-        for key in self.keys:
-            if key.key.sort == START:
-                group, _, name = key.key.place.partition(".")
-                (q if group == "q" else qd)[name] = key.value
-        closing = ManyClosing(motion, self.batch.numbers, q, qd)
-        if not closing.varies and not any(key.key.sort == START for key in self.keys):
-            return None
-        if len(closing.missing) == closing.nv:
+        starts = [key.key.place.partition(".")[::2] for key in self.keys if key.key.sort == START]
+        closing = closing_of(self.motion, self.batch.numbers, starts)
+        if closing is not None and len(closing.missing) == closing.nv:
             raise CapabilityError(
                 f"this scene cannot {self.where}: no coordinate is given where its loops are closed"
             )
@@ -239,13 +230,9 @@ class LiveStructure(LiveScene):
         if not motion.problem.constraints.rows or self.closing is None:
             return {"own": own, "q": own["q"], "v": own["v"], "closing": None}
         initial, closing = motion.scene.initial, self.closing
-        given_q = [initial.q.get(name, x) for name, x in zip(model.q_names, own["q"])]
+        given_q = [initial.q.get(name, 0.0) for name in model.q_names]
         given_v = [initial.qd.get(name, 0.0) for name in model.v_names]
-        parts = {
-            "missing": closing.missing, "free": closing.free, "sizes": closing.sizes.tolist(),
-            "lengths": closing.lengths.tolist(), **limits_of_closing(),
-        }  # fmt: skip
-        return {"own": own, "q": given_q, "v": given_v, "closing": parts}
+        return {"own": own, "q": given_q, "v": given_v, "closing": closing_data(closing)}
 
 
 COUNTS = ("ACCEPTED", "REJECTED", "MAX_STEPS", "NEXT_SAMPLE", "LAST_SAMPLE", "EVENT", "LOCATED")

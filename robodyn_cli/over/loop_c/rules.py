@@ -17,6 +17,7 @@ SIGNS = {
     "add": "{0} + {1}", "subtract": "{0} - {1}", "multiply": "{0} * {1}", "divide": "{0} / {1}",
     "power": "pow({0}, {1})", "minimum": "least({0}, {1})", "maximum": "most({0}, {1})", "negative": "-{0}",
     "absolute": "fabs({0})", "sqrt": "sqrt({0})", "exp": "exp({0})", "log": "log({0})", "rint": "rint({0})",
+    "floor": "floor({0})",
     "sign": "sign({0})", "isfinite": "{0} - {0} == 0.0", "isnan": "{0} != {0}", "less": "{0} < {1}",
     "less_equal": "{0} <= {1}", "greater": "{0} > {1}", "greater_equal": "{0} >= {1}", "equal": "{0} == {1}",
     "not_equal": "{0} != {1}", "logical_and": "{0} != 0.0 && {1} != 0.0", "logical_or": "{0} != 0.0 || {1} != 0.0",
@@ -32,11 +33,15 @@ FEW_RUNS = 8  # stretches of entries that are copied one after another in the te
 
 # what runs give to rules, and what these say of them, wherever a rule asks for it
 GIVEN = (
-    "steps", "time", "again.steps", "again.given_up", "jacobian", "mass", "psi", "eta", "cosines", "q", "v",
+    "steps", "time", "again.steps", "again.given_up", "jacobian", "mass", "psi", "eta", "cosines", "size", "q", "v",
+    "part", "best.q", "best.distance", "best.full", "best.sure",
     "energies.start", "energies.end", "work", "start", "first.out", "first.end", "again.out", "again.end",
     "again.time", "third.out", "third.end",
 )  # fmt: skip
-JUDGED = ("w", "when", "most", "good", "step", "v", "end", "time_error")
+JUDGED = (
+    "w", "when", "most", "good", "step", "v", "end", "time_error", "q",
+    "best.q", "best.distance", "best.full", "best.sure",
+)  # fmt: skip
 
 
 @record

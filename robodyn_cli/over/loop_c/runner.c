@@ -80,13 +80,23 @@ static int all_finite(const double *x)
 /* Evaluates the loops at positions in x. Returns the largest residual in parts of its size. */
 static double residual(Integration *m, const double *x)
 {
+    const double *length = m->results + ETA + PSI + COSINES;
     double size = 0.0;
     int k;
 
     loop_loops((char *)(uintptr_t)x, (char *)m->table, (char *)m->results);
     for (k = 0; k < ETA; ++k)
-        size = most(size, fabs(m->results[k] / ETA_SIZE[k]));
+        size = most(size, fabs(LONG[k] ? m->results[k] / *length : m->results[k]));
     return size;
+}
+
+/* Gives the loops as they were evaluated last. */
+static void give_loops(const Integration *m, Given *given)
+{
+    given->eta = m->results;
+    given->psi = m->results + ETA;
+    given->cosines = m->results + ETA + PSI;
+    given->size = m->results + ETA + PSI + COSINES;
 }
 
 /* Damped Gauss-Newton steps of some coordinates onto the loops. */
@@ -100,8 +110,7 @@ static void newton(Integration *m, double *x, void (*step)(const Given *, Judged
         Judged judged = {0};
         double trial[NX], part = 1.0, next = size;
         int found = 0;
-        given.eta = m->results;
-        given.psi = m->results + ETA;
+        give_loops(m, &given);
         step(&given, &judged, m->closing);
         memcpy(moves, judged.step, sizeof moves);
         for (k = 0; k < HALVINGS && !found; ++k, part *= 0.5) {
@@ -122,29 +131,97 @@ static void newton(Integration *m, double *x, void (*step)(const Given *, Judged
     residual(m, x);
 }
 
-/* Closes the loops from the state x that is given. Returns 0, or why these values are left to robodyn. */
-static int close_loops(Integration *m, double *x)
+/* The pose that is chosen so far: its distance from the start, whether it is regular (-1: there is none), and sure. */
+typedef struct {
+    double q[NV], distance, full, sure;
+} Chosen;
+
+static void give_chosen(const Chosen *best, Given *given)
+{
+    given->best_q = best->q;
+    given->best_distance = &best->distance;
+    given->best_full = &best->full;
+    given->best_sure = &best->sure;
+}
+
+static void positions(const double *x, double *q)
+{
+    int k;
+
+    for (k = 0; k < NV; ++k)
+        q[k] = x[Q_PLACE[k]];
+}
+
+static void set_positions(double *x, const double *q)
+{
+    int k;
+
+    for (k = 0; k < NV; ++k)
+        x[Q_PLACE[k]] = q[k];
+}
+
+/* Closes the loops from one of the starts, and chooses between that pose and the best. */
+static void close_from(Integration *m, const double *start, const double *part, double *x, Chosen *best)
 {
     Given given = {0};
     Judged judged = {0};
-    double q[NQ], v[NV];
-    int k;
+    double q[NV];
 
+    give_loops(m, &given);
+    given.q = start;
+    given.part = part;
+    rule_begin(&given, &judged, m->closing);
+    set_positions(x, judged.q);
 #if MISSING
     newton(m, x, rule_step_missing);
 #endif
 #if FREE
     newton(m, x, rule_step_free);
 #endif
-    residual(m, x);
-    for (k = 0; k < NV; ++k) {
-        q[k] = x[Q_PLACE[k]];
-        v[k] = x[V_PLACE[k]];
-    }
-    given.eta = m->results;
-    given.psi = m->results + ETA;
-    given.cosines = m->results + ETA + PSI;
+#if MISSING
+    positions(x, q);
     given.q = q;
+    rule_wrapped(&given, &judged, m->closing);
+    set_positions(x, judged.q);
+    if (!(residual(m, x) <= CLOSED))
+        set_positions(x, q);
+#endif
+    if (!(residual(m, x) <= CLOSED))
+        return;
+    positions(x, q);
+    give_loops(m, &given);
+    give_chosen(best, &given);
+    given.q = q;
+    given.start = start;
+    rule_preferred(&given, &judged, m->closing);
+    memcpy(best->q, judged.best_q, sizeof best->q);
+    best->distance = judged.best_distance[0];
+    best->full = judged.best_full[0];
+    best->sure = judged.best_sure[0];
+}
+
+/* Closes the loops from the state x that is given, as robodyn does: from many starts, of which the nearest counts.
+   Returns 0, or why these values are left to robodyn. */
+static int close_loops(Integration *m, double *x)
+{
+    Given given = {0};
+    Judged judged = {0};
+    Chosen best = {{0.0}, HUGE_VAL, -1.0, 1.0};
+    double start[NV], v[NV];
+    int stage, k, n = 0;
+
+    positions(x, start);
+    memcpy(best.q, start, sizeof start);
+    residual(m, x);
+    for (stage = 0; stage < STAGES && best.full < 0.0; ++stage)
+        for (; n < STAGE_END[stage]; ++n)
+            close_from(m, start, PART + n * NV, x, &best);
+    set_positions(x, best.q);
+    residual(m, x);
+    for (k = 0; k < NV; ++k)
+        v[k] = x[V_PLACE[k]];
+    give_loops(m, &given);
+    give_chosen(&best, &given);
     given.v = v;
     rule_closed(&given, &judged, m->closing);
     if (judged.good[0] == 0.0)

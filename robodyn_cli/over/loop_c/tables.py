@@ -85,7 +85,8 @@ class LoopTables:
         }  # fmt: skip
         sizes |= {f"AT_{name.upper()}": place for name, place in memory["parts"].items()}
         if closing:
-            sizes |= {"ETA": loops["eta"], "PSI": loops["psi"]}
+            sizes |= {"ETA": loops["eta"], "PSI": loops["psi"], "COSINES": loops["cosines"]}
+            sizes["STAGES"] = len(closing["stages"])
             sizes |= {name: int(closing[name]) for name in ("ITERATIONS", "HALVINGS", "PATIENT")}
         sizes |= {f"PLACE_{name}": k for k, name in enumerate(memory["places"])}
         sizes |= {f"JOB_{identifier(name)}": k for k, name in enumerate(memory["job"])}
@@ -173,9 +174,22 @@ class LoopTables:
             _doubles("GIVEN", self._state(d["start"]["q"], d["start"]["v"])),
         ]  # fmt: skip
         if d["start"]["closing"]:
-            texts.append(_doubles("ETA_SIZE", d["start"]["closing"]["sizes"]))
+            texts += self._closing(d["start"]["closing"])
         texts += [self._keys(), self._events(), self._reasons()]
         return "\n".join(texts) + "\n"
+
+    def _closing(self, closing: Mapping[str, Any]) -> list[str]:
+        """Return which rows are lengths, and where closing starts, in parts of lengths: rows of all coordinates."""
+        rows: list[float] = []
+        ends: list[int] = []
+        for stage in closing["stages"]:
+            parts = np.zeros((stage["starts"], len(self.data["v"]["names"])))
+            parts[:, stage["columns"]] = np.reshape(stage["parts"], (stage["starts"], -1))
+            rows += parts.ravel().tolist()
+            ends.append(stage["starts"] + (ends[-1] if ends else 0))
+        return [
+            _integers("LONG", closing["long"], "int"), _integers("STAGE_END", ends, "int"), _doubles("PART", rows),
+        ]  # fmt: skip
 
     def _state(self, q: Sequence[float], v: Sequence[float]) -> list[float]:
         x = list(map(float, self.structure.motion.start))

@@ -86,7 +86,7 @@ class Built:
             row, other = self._built_elsewhere(values[~near][order], build)
             if other is None:  # of nothing farther that can be built
                 return near
-            if not self._has_numbers_of(other):
+            if not self.has_numbers_of(other):
                 return np.zeros(len(values), dtype=bool)
             along = share[order[row]] >= min(ALONG, 1.0 / len(farthest))
             if not along.any():
@@ -107,7 +107,7 @@ class Built:
                 return row, build(values[row])
         return 0, None
 
-    def _has_numbers_of(self, other: Built) -> bool:
+    def has_numbers_of(self, other: Built) -> bool:
         """Tell whether the numbers of another structure, for its own row, are those that this one gives for it."""
         if other.tables.digest != self.tables.digest or other.obstacle != self.obstacle:
             return False

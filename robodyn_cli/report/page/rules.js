@@ -7,7 +7,7 @@ const BINARY = {
   equal: (a, b) => +(a === b), not_equal: (a, b) => +(a !== b), logical_and: (a, b) => +(a && b ? 1 : 0), logical_or: (a, b) => +(a || b ? 1 : 0),
 };
 const UNARY = {
-  negative: (a) => -a, absolute: Math.abs, sqrt: Math.sqrt, sign: Math.sign, exp: Math.exp, log: Math.log,
+  negative: (a) => -a, absolute: Math.abs, sqrt: Math.sqrt, floor: Math.floor, sign: Math.sign, exp: Math.exp, log: Math.log,
   isfinite: (a) => +Number.isFinite(a), isnan: (a) => +Number.isNaN(a), logical_not: (a) => +!a,
   // halves to the even number
   rint: (a) => (a % 1 === 0.5 || a % 1 === -0.5 ? 2 * Math.round(a / 2) : Math.round(a)),
@@ -18,9 +18,11 @@ const REDUCING = {
 };
 
 function entrywise(f, args) {
-  const size = Math.max(...args.map((a) => a.length)), [a, b, c] = args, out = new Float64Array(size);
-  const i = a.length > 1 ? 1 : 0, j = b && b.length > 1 ? 1 : 0, k = c && c.length > 1 ? 1 : 0;
-  for (let n = 0; n < size; n++) out[n] = f(a[n * i], b && b[n * j], c && c[n * k]);
+  const [a, b, c] = args, n = a.length, m = b ? b.length : 1, l = c ? c.length : 1, size = Math.max(n, m, l), out = new Float64Array(size);
+  const i = n > 1 ? 1 : 0, j = m > 1 ? 1 : 0, k = l > 1 ? 1 : 0;
+  if (!b) for (let e = 0; e < size; e++) out[e] = f(a[e]);
+  else if (!c) for (let e = 0; e < size; e++) out[e] = f(a[e * i], b[e * j]);
+  else for (let e = 0; e < size; e++) out[e] = f(a[e * i], b[e * j], c[e * k]);
   return out;
 }
 
@@ -66,7 +68,7 @@ function taken(args, runs) {
 }
 
 function reduced([start, f], rows, length, initial) {
-  const out = new Float64Array(rows.length / length);
+  const out = new Float64Array(length ? rows.length / length : 1);
   for (let k = 0; k < out.length; k++) {
     let sum = initial === null ? start : initial;
     for (let n = k * length; n < (k + 1) * length; n++) sum = f(sum, rows[n]);
@@ -160,6 +162,7 @@ function positiveParts([y, first, last, chosen], samples, most) {
 
 /* Apply a function of one matrix to each of those that follow one another. */
 function ofEach(x, size, f) {
+  if (x.length === size) return Float64Array.from(f(x.slice(), 0));
   const parts = [];
   for (let first = 0; first < x.length; first += size) parts.push(...f(x.slice(first, first + size), first / size));
   return Float64Array.from(parts);
@@ -201,7 +204,12 @@ function eliminate(A, b, n, columns) {
 function singular(A, m, n) {
   const U = Array.from({ length: n }, (_, j) => Float64Array.from({ length: m }, (__, i) => A[i * n + j]));
   const V = Array.from({ length: n }, (_, j) => Float64Array.from({ length: n }, (__, i) => +(i === j)));
-  const dot = (a, b) => a.reduce((total, x, i) => total + x * b[i], 0), nothing = 1e-33 * dot(A, A);
+  const dot = (a, b) => {
+    let total = 0;
+    for (let i = 0; i < a.length; i++) total += a[i] * b[i];
+    return total;
+  };
+  const nothing = 1e-33 * dot(A, A);
   for (let round = 0, turned = true; round < 60 && turned; round++) {
     turned = false;
     for (let p = 0; p < n; p++) for (let q = p + 1; q < n; q++) {

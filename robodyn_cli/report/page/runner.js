@@ -2,6 +2,7 @@
    are put in order: numbers, start, first run, second run, a third. */
 
 const PAGE = 65536, STACK = 1 << 20, LINE = 64; // bytes
+const SAME = 1e-10; // rad or m between poses that closing led to twice
 
 class Refused extends Error {
   constructor(reason, words) {
@@ -125,45 +126,79 @@ class Runner {
     if (this.loops && values.every((x, k) => x === data.keys[k].value)) return this.state(own.q, own.v);
     const q = data.start.q.slice(), v = data.start.v.slice();
     data.keys.forEach((key, k) => { if (key.start) (key.start[0] === "q" ? q : v)[key.start[1]] = values[k]; });
-    if (!this.loops) return this.state(q, v);
-    let closed = q;
-    if (this.loops.missing.length) closed = this.newton(closed, "missing");
-    closed = this.newton(closed, "free");
-    const there = this.equations("loops", this.state(closed, v));
-    const judgement = this.rule("closed", { ...there, q: Float64Array.from(closed), v: Float64Array.from(v) });
+    return this.loops ? this.closed(q, Float64Array.from(v)) : this.state(q, v);
+  }
+
+  /* The state in which loops close from q, as the command closes them: from many starts, of which the nearest counts. */
+  closed(q, v) {
+    const { CLOSED, TINY, missing, free, stages } = this.loops, start = Float64Array.from(q);
+    const one = (x) => Float64Array.of(x);
+    let best = { "best.q": start, "best.distance": one(Infinity), "best.full": one(-1), "best.sure": one(1) };
+    const { size } = this.equations("loops", this.state(start, v));
+    for (const { columns, starts, parts } of stages) {
+      const seen = [];
+      if (best["best.full"][0] >= 0) break;
+      for (let k = 0; k < starts; k++) {
+        const part = new Float64Array(q.length);
+        columns.forEach((column, n) => { part[column] = parts[k * columns.length + n]; });
+        let there = this.loopsAt(this.rule("begin", { q: start, size, part }).q);
+        if (missing.length) there = this.newton(there, "missing", CLOSED);
+        if (free.length) there = this.newton(there, "free", CLOSED);
+        // most starts lead to few poses
+        if (!(there.residual <= CLOSED) || seen.some((other) => there.q.every((x, i) => Math.abs(x - other[i]) < SAME))) continue;
+        seen.push(there.q);
+        const turned = missing.length ? this.loopsAt(this.rule("wrapped", there).q) : there;
+        if (turned.residual <= CLOSED) there = turned;
+        best = this.rule("preferred", { ...best, ...there, start });
+      }
+    }
+    const found = this.loopsAt(best["best.q"]), there = free.length ? this.newton(found, "free", TINY) : found, judgement = this.rule("closed", { ...best, ...there, v });
     if (!judgement.good[0]) this.refuse("closed");
-    return this.state(closed, judgement.v);
+    return this.state(there.q, judgement.v);
   }
 
   state(q, v) {
-    const x = Float64Array.from(this.data.state, Number); // with states of a controller
-    this.data.q.places.forEach((place, k) => { x[place] = q[k]; });
-    this.data.v.places.forEach((place, k) => { x[place] = v[k]; });
+    const { data } = this, x = (this.own ||= Float64Array.from(data.state, Number)).slice(); // with states of a controller
+    for (let k = 0; k < q.length; k++) x[data.q.places[k]] = q[k];
+    for (let k = 0; k < v.length; k++) x[data.v.places[k]] = v[k];
     return x;
   }
 
+  /* The largest residual of the loops at positions q, in parts of its size. */
+  residual(q) {
+    const { data, doubles } = this, at = this.place.results / 8, { eta, psi, cosines } = data.outputs.loops, { long } = this.loops;
+    this.view("x", data.size).set(this.state(q, q));
+    this.code.loops(this.place.x, this.place.table, this.place.results);
+    const size = doubles[at + eta + psi + cosines];
+    let most = 0;
+    for (let k = 0; k < eta; k++) most = Math.max(most, Math.abs(long[k] ? doubles[at + k] / size : doubles[at + k]));
+    return most;
+  }
+
+  loopsAt(q) {
+    const residual = this.residual(q), { eta, psi, cosines } = this.data.outputs.loops, first = this.place.results / 8;
+    let at = first;
+    const next = (count) => this.doubles.slice(at, (at += count));
+    return { q, residual, eta: next(eta), psi: next(psi), cosines: next(cosines), size: next(1) };
+  }
+
   /* Damped Gauss-Newton steps of some coordinates onto the loops, as newton_of_many makes them. */
-  newton(q, columns) {
-    const { ITERATIONS, HALVINGS, PATIENT, TINY, CLOSED, sizes } = this.loops;
-    const at = (x) => {
-      const { eta, psi } = this.equations("loops", this.state(x, x));
-      return { q: x, eta, psi, size: eta.reduce((most, e, i) => Math.max(most, Math.abs(e / sizes[i])), 0) };
-    };
-    let here = at(q), slow = 0;
-    if (!this.data.rules[`step.${columns}`]) return q;
-    for (let round = 0; round < ITERATIONS && here.size > TINY && slow <= PATIENT; round++) {
+  newton(here, columns, enough) {
+    const { ITERATIONS, HALVINGS, PATIENT, CLOSED } = this.loops;
+    let slow = 0;
+    for (let round = 0; round < ITERATIONS && here.residual > enough && slow <= PATIENT; round++) {
       const { step } = this.rule(`step.${columns}`, here);
       let next = null, part = 1;
       for (let k = 0; k < HALVINGS; k++, part *= 0.5) {
-        const trial = at(here.q.map((x, i) => x + part * step[i]));
-        if (trial.size < here.size) next = trial;
-        if (next || here.size <= CLOSED) break;
+        const trial = here.q.map((x, i) => x + part * step[i]);
+        if (this.residual(trial) < here.residual) next = this.loopsAt(trial);
+        if (next || here.residual <= CLOSED) break;
       }
       if (!next) break;
-      slow = next.size > 0.5 * here.size ? slow + 1 : 0;
+      slow = next.residual > 0.5 * here.residual ? slow + 1 : 0;
       here = next;
     }
-    return here.q;
+    return here;
   }
 
   // -- runs ----------------------------------------------------------------------------------------

@@ -23,6 +23,8 @@ MOST_STRETCH = 8.0  # of a step over the way that is left
 REGULAR = 1e-2  # ratio of singular values down to which the nearest configuration is approached
 LOST = 0.5  # part of the first ratio that may be lost where it is less than that
 
+SPREADS = (0.3, 1.0, np.pi)  # of starts further and further from values that lead nowhere
+
 Pose = tuple[float, Array]  # distance from the start, or residual, and a configuration
 
 
@@ -63,7 +65,7 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     """
     if not task.given:
         return _nearest_to_neutral(numbers, q, task)
-    starts = [q, *starts_around(numbers, q, task.missing, np.pi, 1)]
+    starts = first_starts(numbers, q, task.missing)
     poses, tried = _close_from(numbers, q, task, starts)
     refuse_turned(numbers, task, q, tried[0][1], tried[0][0])
     near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
@@ -77,7 +79,7 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
             return ClosedPose(q if whole else rounded[1], ROUNDED)
     if not poses:
         aligned = Aligned(numbers)
-        for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
+        for seed, spread in enumerate((0.0, *SPREADS), start=20):
             around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
             descended, further = _descend_from(aligned, q, task, around)
             tried += further
@@ -85,15 +87,24 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
                 break
         else:
             raise open_loop(numbers, task, tried)
-        for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
+        for around in further_starts(numbers, q, task.free):
             if not poses:
-                around = starts_around(numbers, q, task.free, spread, seed)
                 poses, more = _close_from(numbers, q, task, around)
                 tried += more
         poses = poses or [pose for pose in descended if not _far(numbers, q, pose[1], task)]
     if not poses:
         raise open_loop(numbers, task, tried)
     return ClosedPose(_regular(numbers, poses)[0][1])
+
+
+def first_starts(numbers: Numbers, q: Array, missing: list[int]) -> list[Array]:
+    """Return where closing starts first: at q, and where coordinates are missing, anywhere in these."""
+    return [q, *starts_around(numbers, q, missing, np.pi, 1)]
+
+
+def further_starts(numbers: Numbers, q: Array, free: list[int]) -> list[list[Array]]:
+    """Return where it starts if nothing closes there, stage by stage."""
+    return [starts_around(numbers, q, free, spread, seed) for seed, spread in enumerate(SPREADS, start=2)]
 
 
 def _hides_dependence(numbers: Numbers, closed: Array) -> bool:
