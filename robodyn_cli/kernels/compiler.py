@@ -164,7 +164,7 @@ def aligned(text: str) -> str:
     LLVM aligns it only where a function reserves room of its own for vectors, and else spills them across lines of the
     cache: up to a quarter of the run time then depended on where the stack happened to be.
     """
-    return re.sub(r"^(define .*)\{$", r"\1alignstack(64) {", text, flags=re.MULTILINE)
+    return re.sub(r'^(define .*?)( section "[^"]*")? \{$', r"\1 alignstack(64)\2 {", text, flags=re.MULTILINE)
 
 
 def compile_object(texts: Sequence[str], target: Target, level: int = 2) -> bytes:

@@ -342,3 +342,5 @@ def test_the_stack_of_every_function_is_aligned_for_vectors() -> None:
     text = write_many()
     heads = [line for line in compiler.aligned(text).splitlines() if line.startswith("define")]
     assert len(heads) == text.count("define ") and all("alignstack(64)" in head for head in heads)
+    placed = compiler.aligned('define internal double @f(double %a) nounwind section ".text.f" {')
+    assert placed == 'define internal double @f(double %a) nounwind alignstack(64) section ".text.f" {'
