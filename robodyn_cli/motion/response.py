@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
 from robodyn_cli.equations.control.control import Control
 from robodyn_cli.motion.extremes import CloseSamples, RecordedMotion, to_its_ends
+from robodyn_cli.motion.self_check import rounding_of
 from robodyn_cli.observe.columns import ChosenColumn, values_of
 from robodyn_cli.observe.controllers.held import driven_paths
-from robodyn_cli.observe.controllers.summary import with_held
+from robodyn_cli.observe.controllers.summary import ways_of, with_doubtful_limits, with_held
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.solve.step_response import NOTHING, SmoothCourse, TimeFigure, rise_of, settling_of
 from robodyn_cli.spatial.algebra import Array
@@ -35,7 +37,28 @@ def responses(motion: RecordedMotion, control: Control) -> ResponseKeys:
     if motion.again is None or motion.other is None:
         return own
     other = ResponseKeys(_of(motion.other, control, off))
-    return with_second(own, other, motion.factor(motion.other))
+    told = with_second(own, other, motion.factor(motion.other))
+    return ResponseKeys(_with_floors(told.response, motion, control))
+
+
+def _with_floors(
+    told: Mapping[str, Response], motion: RecordedMotion, control: Control
+) -> dict[str, Response]:
+    """Return responses with errors no less than those of the motion at its end, and than rounding, which two
+    integrations may share."""
+    errors = motion.errors
+    if errors is None or not isinstance(errors.q_end, float):
+        return dict(told)
+    ways, least, found = ways_of(control, motion.recorder), rounding_of(errors), {}
+    for name, own in told.items():
+        off = own.errors
+        final = max(off.final_error, errors.q_end * ways[name])
+        beyond = off.overshoot
+        if beyond is not None and own.step:
+            beyond += least * ways[name] / abs(own.step)
+        changed = dataclasses.replace(off, final_error=final, overshoot=beyond)
+        found[name] = dataclasses.replace(own, errors=changed)
+    return found
 
 
 def with_held_torques(motion: RecordedMotion, control: Control, keys: ControlKeys) -> ControlKeys:
@@ -51,7 +74,10 @@ def with_held_torques(motion: RecordedMotion, control: Control, keys: ControlKey
     bare = ControlKeys(dataclasses.replace(keys.control, **designed))
     found = _held(motion.own, control, bare)
     if motion.again is not None and motion.other is not None:
-        found = with_second(found, _held(motion.other, control, bare), motion.factor(motion.other))
+        factor = motion.factor(motion.other)
+        found = with_second(found, _held(motion.other, control, bare), factor)
+        one, other = _torques(motion.own), _torques(motion.other)
+        found = with_doubtful_limits(found, control, one, other, factor)
     told = {name: getattr(found.control, name) for name in ("energy", "saturated", "saturated_error")}
     return ControlKeys(dataclasses.replace(keys.control, **told))
 
@@ -68,6 +94,16 @@ def _held(samples: CloseSamples, control: Control, keys: ControlKeys) -> Control
     ends = np.cumsum([1 + max(places) for places in paths.values()])
     found = dict(zip(paths, np.split(values, ends[:-1], axis=1)))
     return with_held(keys, control, t, found.__getitem__, [one.time for one in samples.met])
+
+
+def _torques(samples: CloseSamples) -> tuple[Array, Array]:
+    """Return times (T,) and torques (T, n) of close samples."""
+    times = np.concatenate([t for t, _, _ in samples.blocks])
+    t, first = np.unique(times, return_index=True)
+    control = samples.observer.problem.control
+    assert control is not None
+    columns = [ChosenColumn("", "control/torque", (k,), "") for k in range(len(control.joints))]
+    return t, values_of(samples.observer, columns, samples.blocks)[first]
 
 
 def _off(motion: RecordedMotion) -> float:

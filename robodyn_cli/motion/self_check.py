@@ -324,7 +324,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
 
 def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> ControlKeys:
     """Return what a controller did, with errors by the second run where there is one."""
-    from robodyn_cli.observe.controllers.summary import control_keys, with_design
+    from robodyn_cli.observe.controllers.summary import control_keys, with_design, with_doubts
     from robodyn_cli.summaries.apart import with_second
 
     ends, instants = (run.beginning.time, run.driver.time), run.driver.instants
@@ -332,7 +332,15 @@ def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> Cont
     if estimate is not None and estimate.recorder is not None:
         second = control_keys(control, estimate.recorder, ends, instants)
         keys = with_second(keys, second, estimate.factor)
+        floor = rounding_of(estimate.errors)
+        keys = with_doubts(keys, control, run.recorder, estimate.recorder, estimate.factor, floor)
     return with_design(keys, control)
+
+
+def rounding_of(errors: MotionErrors) -> float:
+    """Return what rounding is expected to leave of positions."""
+    most, floor = errors.q_max, errors.rounding_floor
+    return min(most, floor) if isinstance(most, float) and isinstance(floor, float) else 0.0
 
 
 def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:

@@ -14,6 +14,7 @@ from robodyn_cli.expr.statements import parse_expectation
 from robodyn_cli.over.batch.criteria import judge
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.solve.step_response import SmoothCourse, rise_of, settling_of
+from tests.figures.judge import figures_of, moves
 
 MASS = 2.0
 CART = f"""\
@@ -102,6 +103,89 @@ def test_without_a_step_there_is_no_rise_and_keys_ask_for_themselves() -> None:
     expected = {"response.x.settling": parse_expectation("< 2 s")}
     assert judge(expected, asked.summary)[0].holds
     assert "response" not in simulate(load_scene_text(text)).summary
+
+
+LAWS = (
+    "{type: pd, gains: {kp: 50, kd: 20}",
+    "{type: pid, gains: {kp: 50, kd: 20, ki: 30}",
+    "{type: pd, period: 0.01, sensors: {noise: 1e-5}, gains: {kp: 50, kd: 20}",
+)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_what_is_left_of_a_step_is_no_surer_than_the_motion(law: str) -> None:
+    """Both integrations come to the same rest, which is no error of 1e-22; the loop of few digits at the limit moves."""
+    ends = []
+    for rtol in ("1e-5", "1e-8", "1e-11"):
+        text = f"{CART}control: {law}, {STEP}}}\nsimulate: {{duration: 9, samples: 41}}"
+        asked = ["outputs.response=true", f"simulate.rtol={rtol}", "simulate.error_estimate=true"]
+        summary = simulate(load_scene_text(text, overrides=asked)).summary
+        own = summary["response"]["x"]
+        assert own["errors"]["final_error"] >= summary["error_estimate"]["q_end"] >= 1e-16
+        assert summary["control"]["tracking"]["x"]["errors"]["rms"] >= 1e-16
+        ends.append((own["final_error"], own["errors"]["final_error"]))
+    for one, off in ends:
+        for other, more in ends:
+            assert abs(one - other) <= off + more
+
+
+def random_arm(seed: int) -> str:
+    random = np.random.default_rng(seed)
+    joints, links = [], []
+    for k, name in enumerate("ab"):
+        axis = [*random.uniform(-0.3, 0.3, 2).round(3).tolist(), 1]
+        joints.append(
+            f"{{name: {name}, type: {random.choice(['revolute', 'prismatic'])}, axis: {axis}, "
+            f"origin: {{xyz: [{0.4 * k}, 0, 0]}}, damper: {{damping: {random.uniform(0.1, 0.5):.3f}}}}}"
+        )
+        com = random.uniform(-0.2, 0.2, 3).round(3).tolist()
+        links.append(f"{{name: L{name}, mass: {random.uniform(0.5, 2):.3f}, com: {com}, {INERTIA}}}")
+    gains = f"gains: {{kp: {random.uniform(8, 60):.3f}, kd: {random.uniform(2, 8):.3f}}}"
+    keys = ("", ", period: 0.01, sensors: {noise: 1e-4, rates: differences}", ", limit: 6")[seed % 3]
+    kind = ("pd", "computed_torque", "gravity")[seed // 3 % 3]
+    return (
+        f"schema: 1\ngravity: [0, -9.81, 0]\nrobot: {{joints: [{', '.join(joints)}], links: [{', '.join(links)}]}}\n"
+        f"initial: {{q: {{a: 0.2, b: -0.3}}}}\ncontrol: {{type: {kind}, {gains}{keys}, reference: "
+        "{type: joint, duration: 1, q: {a: '0.5', b: '0.1*sin(3*t)'}}}\nsimulate: {duration: 1, samples: 21}\n"
+    )
+
+
+INERTIA = "inertia: {xx: 0.15, yy: 0.17, zz: 0.16}"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_figures_of_random_arms_move_within_their_errors(seed: int) -> None:
+    runs = []
+    for rtol, samples in (("1e-6", 21), ("1e-10", 44)):
+        asked = [f"simulate.rtol={rtol}", f"simulate.samples={samples}", "simulate.error_estimate=true"]
+        scene = load_scene_text(random_arm(seed), overrides=["outputs.response=true", *asked])
+        runs.append(figures_of("simulate", simulate(scene).summary))
+    found = [x for x in moves(dict(zip(("one", "two"), runs))) if x.key.startswith(("response", "control"))]
+    assert len(found) > 20 and not [str(x) for x in found if x.ratio > 1.0]
+
+
+SWITCHING = """\
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0.1327, -0.0127, 1.0], damper: {damping: 0.2972}, spring: {stiffness: 19.8105}}]
+  links: [{name: L, mass: 0.4942, com: [0.2041, -0.028, 0.028], inertia: {xx: 0.0465, yy: 0.0352, zz: 0.0489}}]
+initial: {q: {a: 0.368}}
+control: {type: pd, period: 0.0137, limit: 13.4189, gains: {kp: 82.8527, kd: 12.241},
+  reference: {type: joint, duration: 1.5, q: {a: "0.7375*sin(3.5456*t)"}}}
+simulate: {duration: 1.5, samples: 401}
+"""
+
+
+def test_times_at_a_limit_are_unsure_where_torques_come_near_to_it() -> None:
+    """A loop that switches between its limits at each sample, and amplifies what its motion is off."""
+    told = []
+    for rtol in ("1e-6", "1e-10"):
+        asked = [f"simulate.rtol={rtol}", "simulate.error_estimate=true"]
+        own = simulate(load_scene_text(SWITCHING, overrides=asked)).summary["control"]
+        told.append((own["saturated"]["a"], own["saturated_error"]["a"]))
+    (one, off), (two, more) = told
+    assert one > 0.3 and 1e-3 < abs(one - two) <= off + more
 
 
 def test_levels_that_are_touched_have_errors_that_cover() -> None:

@@ -34,6 +34,7 @@ from robodyn_cli.summaries.control import (
 from robodyn_cli.summaries.facts import ABSENT
 
 ROUNDED = 1e-12  # of a time
+STEP = 1e-6  # of differences [rad or m]
 AT_LIMIT = 1e-12  # of a limit: torques so near to it are on it
 
 
@@ -100,6 +101,63 @@ def with_held(
         told["saturated"] = dict(zip(limits, times.tolist()))
         told["saturated_error"] = dict(zip(limits, errors.tolist()))
     return ControlKeys(dataclasses.replace(keys.control, **told))
+
+
+def with_doubts(
+    keys: ControlKeys, control: Control, one: Recorder, other: Recorder, factor: float, floor: float
+) -> ControlKeys:
+    """Return the keys of a run with what the figures of a second one do not tell.
+
+    Both may have the same error, or round alike: what is left of a small error of tracking is no surer than the motion.
+    factor : times a difference of both is an error. floor : of positions, by rounding.
+    """
+    ways, told = ways_of(control, one), keys.control.tracking
+    if isinstance(told, Mapping):
+        own = {}
+        for name, x in told.items():
+            off = floor * ways[name]
+            errors = dataclasses.replace(x.errors, peak=x.errors.peak + off, rms=x.errors.rms + off)
+            own[name] = dataclasses.replace(x, errors=errors)
+        keys = ControlKeys(dataclasses.replace(keys.control, tracking=own))
+    first, second = ((x.array("time"), x.array("control/torque")) for x in (one, other))
+    return with_doubtful_limits(keys, control, first, second, factor)
+
+
+def with_doubtful_limits(
+    keys: ControlKeys, control: Control, one: tuple[Array, Array], other: tuple[Array, Array], factor: float
+) -> ControlKeys:
+    """Return the keys with errors of times at limits for how near to a limit torques come.
+
+    one, other : times (T,) and torques (T, n) of two runs, which are off from each other by what they are off. Torques
+    that are at a limit hide by how much they would be beyond it; so those that are not count twice.
+    """
+    unsure, limits = keys.control.saturated_error, _limits(control)
+    if not isinstance(unsure, Mapping) or len(one[0]) < 2:
+        return keys
+    (t, tau), (times, twin) = one, other
+    last = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 1)
+    off = factor * np.maximum.accumulate(np.abs(twin[last] - tau), axis=0)
+    at = _at_limits(control, tau, limits)
+    near = _at_limits(control, tau + off, limits) | _at_limits(control, tau - off, limits)
+    long = np.gradient(t)[:, None] * (near & ~at)
+    more = dict(zip(limits, (2.0 * long.sum(axis=0)).tolist()))
+    found = {name: x + more[name] for name, x in unsure.items()}
+    return ControlKeys(dataclasses.replace(keys.control, saturated_error=found))
+
+
+def ways_of(control: Control, recorder: Recorder) -> dict[str, float]:
+    """Return by how much each coordinate that is led moves at most, at the end, for a unit of all positions."""
+    q, time = recorder.array("q")[-1], float(recorder.array("time")[-1])
+    if not control.controller.at_point:
+        return {x.name: 1.0 for x in control.tracked}
+    entries = [x.actual for x in control.tracked]
+
+    def places(q: Array) -> Array:
+        found: Array = control.problem.numbers(entries, q, time)
+        return found
+
+    moved = [np.abs(places(q + step) - places(q)) / STEP for step in STEP * np.eye(len(q))]
+    return dict(zip((x.name for x in control.tracked), np.maximum(1.0, np.sum(moved, axis=0)).tolist()))
 
 
 def with_design(keys: ControlKeys, control: Control) -> ControlKeys:
