@@ -430,6 +430,9 @@ def test_the_states_of_a_law_are_taken_where_they_rest(period: float | None) -> 
 HOLDING = {
     "pid": ("pid, gains: {kp: 30, ki: 40, kd: 4}", {}),
     "sampled pid": ("pid, period: 0.02, delay: 0.013, sensors: {rates: differences}, gains: {kp: 30, ki: 40, kd: 4}", {}),
+    "pid without an integral": ("pid, gains: {kp: 30, kd: 4}", {"held_back": {"a": -LOAD * math.cos(0.7)}}),
+    "sampled pid without an integral": (
+        "pid, period: 0.02, gains: {kp: 30, kd: 4}", {"held_back": {"a": -LOAD * math.cos(0.7)}}),
     "integrator beside a lag": (
         "formulas, law: {a: 30*(ref.a - a) + s.i + 80*(s.f - a)}, "
         "state: {i: {rate: 20*(ref.a - a)}, f: {rate: 10*(a - s.f)}}", {}),
@@ -462,6 +465,9 @@ def test_what_a_law_holds_with_its_states_at_rest(kind: str) -> None:
     assert (own["closed_loop"]["stability"] == "saturated") == ("saturated" in wanted)
     if "saturated" in wanted:
         assert own["loop"]["a"]["gain_margin"] == 1.0
+    if "without an integral" in kind:  # it has the poles of a pd
+        pd = linearise(load_scene_text(f"{PENDULUM}{law.replace('pid', 'pd')}}}")).summary
+        assert own["closed_loop"]["poles"] == pd["closed_loop"]["poles"]
 
 
 def test_the_goal_of_a_controller_moves_what_the_start_holds() -> None:

@@ -20,6 +20,7 @@ from robodyn_cli.equations.control.control import Control
 from robodyn_cli.equations.control.rest import drifts, resting, situation
 from robodyn_cli.equations.linear.reduce import Linear
 from robodyn_cli.equations.linear.residuals import States, by_steps, by_symbols, evaluated
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -89,8 +90,9 @@ def linear_law(control: Control, states: States, linear: Linear, needed: Array) 
     S = by_x("s") if after else np.zeros((0, K.shape[1]))
     Z = found["s_s"] if after else np.zeros((0, 0))
     names = [control.names[k] for k in kept]
-    # the last measurement of joints whose rate the law does not ask for is no state of it
-    used = [k for k in range(len(kept)) if k < own or H[:, k].any() or Z[:own, k].any()]
+    # the last measurement of joints whose rate the law does not ask for is no state of it, nor is what never changes
+    used = [k for k, x in enumerate(drifts(control)) if isinstance(x, Expr)]
+    used += [k for k in range(own, len(kept)) if H[:, k].any() or Z[:own, k].any()]
     by_s = Z[:own, :own] - (0.0 if control.period is None else np.eye(own))
     size = np.abs(S[:own]).sum(axis=1) + np.abs(by_s) @ np.maximum(1.0, np.abs(z[:own]))
     restless = tuple(name for name, x, most in zip(names, found["drift"], STILL * size) if not abs(x) <= most)

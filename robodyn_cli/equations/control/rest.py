@@ -8,6 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.control.control import NOISE, STATES, Control
 from robodyn_cli.equations.linear.residuals import States, by_symbols, evaluated
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.spatial.algebra import Array
 
 ROUNDS = 100  # of Newton's method
@@ -34,20 +35,22 @@ def resting(control: Control, states: States, needed: Array, ways: Array) -> Arr
     z = control.starts
     if control.last:
         z[control.last] = states.q[0]
-    own = len(control.own)
+    # what never changes stays where it starts: an integral without a gain
+    own = [k for k, drift in enumerate(drifts(control)) if isinstance(drift, Expr)]
     if not own:
         return z
-    symbols, drift, asked = control.z[:own], drifts(control), control._law.asked
+    symbols, asked = [control.z[k] for k in own], control._law.asked
+    drift = [drifts(control)[k] for k in own]
     outputs = {"r": drift, "u": asked, "r_s": by_symbols(drift, symbols), "u_s": by_symbols(asked, symbols)}
 
     def at(s: Array) -> dict[str, Array]:
-        z[:own] = s
+        z[own] = s
         return {name: x[0] for name, x in evaluated(outputs, situation(control, states, z)).items()}
 
     def sizes(found: dict[str, Array]) -> tuple[float, float]:
         return float(np.linalg.norm(found["r"])), float(np.linalg.norm(ways.T @ (needed - found["u"])))
 
-    s = z[:own].copy()
+    s = z[own].copy()
     found = at(s)
     for _ in range(ROUNDS):
         step = _step(found, needed, ways)
@@ -62,7 +65,7 @@ def resting(control: Control, states: States, needed: Array, ways: Array) -> Arr
         else:
             break
         s, found = s + step, after
-    z[:own] = s
+    z[own] = s
     return z
 
 
