@@ -102,6 +102,43 @@ def test_a_controlled_motion_is_that_of_simulate_for_any_step(control: str, tmp_
 
 
 @needs_compiler
+def test_set_points_are_what_the_controller_follows(tmp_path: Path) -> None:
+    """A joint that goes on with a rate and one that jumps at half time: as a reference of formulas, sampled or not."""
+    start, jump = -1.5, "@setpoint.theta2=0.2"
+    for k, more in enumerate((", period: 0.005, delay: 0.002", "")):
+        law = f"control={{type: pid, gains: {{kp: 900, kd: 60, ki: 90}}{more}}}"
+        overrides = ["expect={}", "trajectory=null", law, "simulate={duration: 0.5, samples: 51}"]
+        family = family_of(
+            "controlled_arm.yaml", [*overrides, f"initial.q.theta1={start}", "initial.q.theta2=0"]
+        )
+        (tmp_path / str(k)).mkdir()
+        unit = ExportedUnit(family, tmp_path / str(k), ["robot.links.link1.mass"], ["control.reference"])
+        inputs = [name for name, kind in unit.kinds.items() if kind == "input"]
+        assert inputs == [
+            "setpoint.theta1",
+            "setpoint_rate.theta1",
+            "setpoint.theta2",
+            "setpoint_rate.theta2",
+        ]
+        units = {v.attrib["name"]: v.attrib.get("unit") for v in unit.root.find("ModelVariables") or ()}
+        assert [units[name] for name in inputs[:2]] == ["rad", "rad/s"]
+        for count, rate in ((2, 0.4), (50, 0.0)):  # where rates are set, places are at communication points
+            led = f'{{theta1: "{start} + {rate}*t", theta2: "if(t<0.25,0,0.2)"}}'
+            known = simulate(
+                family.with_values([f"control.reference={{type: joint, duration: 1, q: {led}}}"]).own
+            )
+            given = [f"setpoint_rate.theta1={rate}", jump, f"@setpoint.theta1={start + rate * 0.25}"]
+            _, values, _ = unit.run(0.5 / count, count, given)
+            for group in ("q", "qd"):
+                own, error = (column(values, ["theta1", "theta2"], f"{x}{group}") for x in ("", "error."))
+                there = known.variables[group].data[-1]
+                allowed = error + known.summary["error_estimate"]["state_max"] + 1e-12
+                assert (np.abs(own - there) <= allowed).all() and (allowed < 1e-8).all()
+            assert values["control.reference.theta1"] == pytest.approx(start + 0.5 * rate, rel=1e-14)
+        unit.run(0.25, 9)  # what is set has no end
+
+
+@needs_compiler
 def test_a_lock_ends_the_simulation_at_its_time(tmp_path: Path) -> None:
     unit = ExportedUnit(family_of("four_bar_deploy.yaml"), tmp_path, ["robot.links.crank.mass=10:40"])
     runs = Mechanism(family_of("four_bar_deploy.yaml"), vary=["robot.links.crank.mass"]).deploy_many(
@@ -174,6 +211,17 @@ REFUSED: dict[tuple[str, ...], str] = {
     ("mechanisms/four_bar_locked.yaml",): "goes on as the locked structure",
     (PENDULUM, "--key", "robot.joints.theta1.alpha=-1:1"): "alpha",
     (PENDULUM, "--input", "initial.q.theta1"): "allowed: numbers of the equations",
+    (
+        PENDULUM,
+        "--input",
+        "control.reference",
+    ): "control.reference: no controller; allowed: a controller that follows",
+    ("cart_pole_lqr.yaml", "--input", "control.reference"): "control.reference: control.type lqr; allowed",
+    (
+        "controlled_arm.yaml",
+        "--input",
+        "control.reference=0:1",
+    ): "control.reference: a range; allowed: no range",
     (PENDULUM, "--input", "gravity.1=1:2"): "--input gravity.1: the scene's own value",
     (PENDULUM, "--input", "gravity.1=2:1"): "--input gravity.1=2:1: allowed",
     (PENDULUM, "--input", "simulate.duration"): "simulate.duration",

@@ -28,7 +28,7 @@ SHORT = (  # it bends at its points and ends before the run
     "reference: {type: cubic, points: [{t: 0, q: {theta1: -1, theta2: 0.4}}, {t: 0.13, q: {theta1: -0.8, theta2: 0.3}}, "
     "{t: 0.31, q: {theta1: -1, theta2: 0.6}}]}"
 )
-LEFT = re.compile("a controller samples at|which may be others|equations of their own")
+LEFT = re.compile("a controller (samples at|holds where)|which may be others|equations of their own")
 MASS = ("robot.links.link2.mass",)
 
 

@@ -102,7 +102,7 @@ def command(
             "--input",
             metavar="KEY[=LOW:HIGH]",
             parser=utf8,
-            help="With --fmu: a number that other tools change at communication points.",
+            help="With --fmu: a number that other tools change, or control.reference (set points).",
         ),
     ] = None,
     *,

@@ -38,13 +38,14 @@ class UnitDescription:
         """The text of ``fmu_data.h``."""
         keys = self.structure.keys
         flags = ", ".join(str(int(k.key.name in self.structure.inputs)) for k in keys) or "0"
-        names = ", ".join(f'"{comment(k.key.name)}"' for k in keys) or '""'
+        names = ", ".join(f'"{comment(self.structure.shown(k.key.name))}"' for k in keys) or '""'
         lines = [
             "/* Numbers of this unit. */\n\n#include <math.h>\n",
             f'#define TOKEN "{self.token}"',
             f"#define KEYS {len(keys)}",
             f"#define MORE {len(self.outputs)}",
             f"#define INPUTS {len(self.structure.inputs)}",
+            f"#define TIME_OF_POINTS {self.structure.time_of_points}",
             f"#define KNOWN {literal(self.library.tables.known)}",
             _table("KEY_LOW", [k.low for k in keys]),
             _table("KEY_HIGH", [k.high for k in keys]),
@@ -89,7 +90,8 @@ class UnitDescription:
         variables = [
             '    <Float64 name="time" valueReference="0" causality="independent" variability="continuous" unit="s"/>'
         ]
-        variables += [self._key(k) for k in range(len(self.structure.keys))]
+        shown = [k for k in range(len(self.structure.keys)) if k != self.structure.time_of_points]
+        variables += [self._key(k) for k in shown]
         variables += [
             f'    <Float64 name={quoteattr(x.name)} valueReference="{r}" causality="output" variability="continuous" '
             f'initial="calculated" description={quoteattr(x.meaning)}{_unit(x.unit)}/>'
@@ -99,7 +101,8 @@ class UnitDescription:
         known = [r for r, _ in outputs] + [self.after + k for k in (1, 2, 3)]
         listed = [f'    <Output valueReference="{r}"/>' for r in known]
         unknown = [f'    <InitialUnknown valueReference="{r}"/>' for r in known]
-        units = dict.fromkeys(["s", *(k["unit"] for k in self.data["keys"]), *(x.unit for _, x in outputs)])
+        own = [self.structure.unit_of(k["name"], k["unit"]) for k in self.data["keys"]]
+        units = dict.fromkeys(["s", *own, *(x.unit for _, x in outputs)])
         return "\n".join([
             '<?xml version="1.0" encoding="UTF-8"?>',
             f'<fmiModelDescription fmiVersion="3.0" modelName={quoteattr(self.data["title"] or name)} '
@@ -116,7 +119,7 @@ class UnitDescription:
 
     def _key(self, k: int) -> str:
         key, own = self.structure.keys[k], self.data["keys"][k]
-        is_input = key.key.name in self.structure.inputs
+        is_input, shown = key.key.name in self.structure.inputs, self.structure.shown(key.key.name)
         kind = (
             'causality="input" variability="discrete"'
             if is_input
@@ -126,8 +129,8 @@ class UnitDescription:
             f' {name}="{x!r}"' for name, x in (("min", key.low), ("max", key.high)) if math.isfinite(x)
         )
         return (
-            f'    <Float64 name={quoteattr(key.key.name)} valueReference="{1 + k}" {kind} start="{key.value!r}"{ends}'
-            f"{_unit(own['unit'])}/>"
+            f'    <Float64 name={quoteattr(shown)} valueReference="{1 + k}" {kind} start="{key.value!r}"{ends}'
+            f"{_unit(self.structure.unit_of(key.key.name, own['unit']))}/>"
         )
 
     def _discrete(self) -> list[str]:

@@ -21,6 +21,7 @@ from robodyn_cli.kernels.as_c.words import text_beside
 from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
 from robodyn_cli.over.c99.source import library_name
 from robodyn_cli.over.fmu.description import UnitDescription
+from robodyn_cli.over.fmu.set_points import with_set_points
 from robodyn_cli.over.fmu.structure import FmuStructure
 from robodyn_cli.over.loop_c.library import LoopLibrary
 from robodyn_cli.over.loop_c.structure import left_out, with_able_keys
@@ -69,6 +70,9 @@ def fmu_structure(
 
     The second is what to say of keys that are left out.
     """
+    points, inputs = with_set_points(family, inputs)
+    if points is not None:
+        family, inputs = points.family, [*inputs, *points.keys]
     names = [one.name for one in inputs]
     ranges = {one.name: one.ends for one in (*asked, *inputs)}
     if asked:
@@ -77,10 +81,12 @@ def fmu_structure(
             {key.name: (key.low, key.high) for key in parametrised(family, numbers).keys} if numbers else {}
         )
         ranges |= {name: x for name, x in bounds.items() if name in ranges}
-        return FmuStructure(family, ranges, names), []
+        return FmuStructure(family, ranges, names, points), []
     cheap, why = _cheap(family)
     more = {name: ends for name, ends in cheap.items() if name not in ranges}
-    made, left = with_able_keys(family, more, lambda keys: FmuStructure(family, {**keys, **ranges}, names))
+    made, left = with_able_keys(
+        family, more, lambda keys: FmuStructure(family, {**keys, **ranges}, names, points)
+    )
     return made, [*why, *left_out(left)]
 
 

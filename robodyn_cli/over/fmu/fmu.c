@@ -338,6 +338,11 @@ FMI3_Export fmi3Status fmi3DoStep(
         return refuse(unit, "steps follow the initialisation");
     if (!(step > 0.0) || (!s->ended && !(fabs(time - s->time) <= 1e-9 * (1.0 + fabs(time)))))
         return refuse(unit, "a step goes on from where the last one ended");
+#if TIME_OF_POINTS >= 0
+    /* rates of set points count from each communication point on */
+    s->changed |= s->values[TIME_OF_POINTS] != s->time;
+    s->values[TIME_OF_POINTS] = s->time;
+#endif
     if (!s->ended)
         failed = go_to(s, time + step);
     if (failed) {

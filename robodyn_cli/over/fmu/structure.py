@@ -17,6 +17,7 @@ from robodyn_cli.model.places import with_free
 from robodyn_cli.observe.control import SIGNALS, control_columns
 from robodyn_cli.observe.observe import observed
 from robodyn_cli.observe.reactions import REACTION_GROUPS, ReactionSamples
+from robodyn_cli.over.fmu.set_points import SetPoints
 from robodyn_cli.over.live.code import StateEquations
 from robodyn_cli.over.live.structure import STATE
 from robodyn_cli.over.loop_c.structure import CStructure
@@ -48,10 +49,32 @@ class FmuStructure(CStructure):
     where = "leave as a unit of FMI"
 
     def __init__(
-        self, family: Family, ranges: Mapping[str, tuple[float, float]], inputs: Sequence[str] = ()
+        self,
+        family: Family,
+        ranges: Mapping[str, tuple[float, float]],
+        inputs: Sequence[str] = (),
+        points: SetPoints | None = None,
     ) -> None:
-        self.inputs = tuple(inputs)
+        self.inputs, self.points = tuple(inputs), points
         super().__init__(family, ranges)
+
+    @property
+    def is_led(self) -> bool:
+        return self.points is not None
+
+    def shown(self, name: str) -> str:
+        """Return what the variable of a key is called."""
+        return name if self.points is None else self.points.names.get(name, name)
+
+    def unit_of(self, name: str, unit: str) -> str:
+        """Return the unit of a key, where this is what the scene says."""
+        return unit if self.points is None else self.points.units.get(name, unit)
+
+    @property
+    def time_of_points(self) -> int:
+        """The number of the key that says from when on rates of set points count; -1 without one."""
+        names = [key.key.name for key in self.keys]
+        return -1 if self.points is None else names.index(self.points.time)
 
     def _option(self, name: str) -> str:
         return "--input" if name in self.inputs else "--key"
@@ -65,6 +88,8 @@ class FmuStructure(CStructure):
                         f"--input {key.key.name}: allowed: numbers of the equations, as torques, forces, parameters"
                     )
                 # an input of zero is a number as any other
+                if key.value in key.key.special:
+                    self.stays.append(k)
                 self.keys[k] = dataclasses.replace(key, key=dataclasses.replace(key.key, special=()))
                 places.append(key.key.place)
         if places:
@@ -160,7 +185,7 @@ class FmuStructure(CStructure):
         path = name.replace(".", "/")
         if path in (columns := control_columns(problem)):
             own = columns[path]
-            units = own["column_units"] or [own["units"]] * count
+            units = own.get("column_units") or [own["units"]] * count
             return [FmuOutput(f"{name}.{x}", u, own["long_name"]) for x, u in zip(own["names"], units)]
         if name == SIGNALS:
             return [

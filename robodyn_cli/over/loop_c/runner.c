@@ -251,6 +251,15 @@ static int no_bodies(Integration *m, const double *x)
 #endif
 }
 
+#if BEGUN
+/* Makes the first update of a sampled controller, at t = 0. */
+static void first_sample(Integration *m)
+{
+    loop_begun((char *)m->x, (char *)m->table, (char *)m->results);
+    memcpy(m->x + FIRST_BEGUN, m->results, BEGUN * sizeof(double));
+}
+#endif
+
 /* Sets the state that values start from. Returns 0, or why these values are left to robodyn. */
 static int set_start(Integration *m, const double *values)
 {
@@ -266,9 +275,7 @@ static int set_start(Integration *m, const double *values)
     reason = changed ? close_loops(m, m->x) : 0;
 #endif
 #if BEGUN
-    /* the first update of a sampled controller */
-    loop_begun((char *)m->x, (char *)m->table, (char *)m->results);
-    memcpy(m->x + FIRST_BEGUN, m->results, BEGUN * sizeof(double));
+    first_sample(m);
 #endif
     return reason ? reason : no_bodies(m, m->x);
 }
@@ -488,6 +495,38 @@ static int go_on(Integration *m, double time, int cut)
     }
 }
 
+/* Goes to a time at which a step ends. Where a controller samples there, what was before is kept: what is set there is
+   what the sample sees. */
+static int go_to_stop(Integration *m, double time)
+{
+#if BEGUN
+    double *w = m->block + AT_W / 8;
+    const double number = floor(time / UPDATE[0] + 0.5), before = (number - 1.0) * UPDATE[0] + UPDATE[1];
+    double instant;
+    int reached;
+
+    m->state[SAMPLED] = 0.0;
+    if (number < 1.0 || fabs(number * UPDATE[0] - time) > 4e-16 * time)
+        return go_on(m, time, 1);
+    if (before > m->state[TIME]) {
+        reached = go_on(m, before, 1);
+        if (reached != own_REACHED)
+            return reached;
+    }
+    instant = w[SLOT_NEXT_UPDATE];
+    if (instant <= time * (1.0 + 4e-16)) {
+        w[SLOT_NEXT_UPDATE] = 1e300;
+        reached = go_on(m, time, 1);
+        w[SLOT_NEXT_UPDATE] = instant;
+        if (reached != own_REACHED)
+            return reached;
+        memcpy(m->before, m->block, sizeof m->block);
+        m->state[SAMPLED] = 1.0;
+    }
+#endif
+    return go_on(m, time, 1);
+}
+
 int own_loop_to(own_loop *loop, double time, double x[own_STATES])
 {
     Integration *m = (Integration *)(void *)loop->memory;
@@ -506,7 +545,7 @@ int own_loop_stop(own_loop *loop, double time, double longest, double x[own_STAT
         m->block[AT_W / 8 + SLOT_H_MAX] = longest;
     else
         m->block[AT_W / 8 + SLOT_H_MAX] = m->state[LONGEST];
-    reached = go_on(m, time, 1);
+    reached = go_to_stop(m, time);
     memcpy(x, m->out, sizeof m->out);
     return reached;
 }
@@ -520,6 +559,16 @@ int own_loop_change(own_loop *loop, const double values[own_KEY_ROOM], int again
         reason = no_bodies(m, m->out);
     if (!reason)
         put_off(m->table, m->numbers, again ? SECOND[0].draw : FIRST.draw);
+#if BEGUN
+    if (!reason && m->state[TIME] == 0.0) {
+        first_sample(m);
+        memcpy((char *)m->block + AT_Y + 8 * FIRST_BEGUN, m->x + FIRST_BEGUN, BEGUN * sizeof(double));
+        memcpy(m->out + FIRST_BEGUN, m->x + FIRST_BEGUN, BEGUN * sizeof(double));
+    } else if (!reason && m->state[SAMPLED] != 0.0) {
+        memcpy(m->block, m->before, sizeof m->block);
+        go_on(m, m->state[TIME], 1);
+    }
+#endif
     return reason;
 }
 

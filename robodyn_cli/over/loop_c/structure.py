@@ -13,7 +13,7 @@ from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
 from robodyn_cli.over.live.keys import SORTS, LiveKey
 from robodyn_cli.over.live.structure import LiveStructure
-from robodyn_cli.over.many.keys import Key, understand, value_of
+from robodyn_cli.over.many.keys import NUMBER, Key, understand, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.read_joints import QUATERNION
@@ -28,6 +28,17 @@ class CStructure(LiveStructure):
 
     where = "leave as C"
     in_page = False
+
+    def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
+        self.stays: list[
+            int
+        ] = []  # keys at whose values equations are others, that all the same are no structure
+        super().__init__(family, ranges)
+
+    @property
+    def is_led(self) -> bool:
+        """Whether the motion that a controller follows is set on the way."""
+        return False
 
     def _option(self, name: str) -> str:
         """Return the option that asks for a key."""
@@ -66,7 +77,8 @@ class CStructure(LiveStructure):
         moved = self.row + BESIDE * np.maximum(np.abs(self.row), 1.0) * (
             1.0 + np.arange(len(self.keys)) / 7.0
         )
-        inside = [key.low <= x <= key.high for key, x in zip(self.keys, moved)]
+        inside = [key.key.sort == NUMBER and key.low <= x <= key.high for key, x in zip(self.keys, moved)]
+        inside = [x and k not in self.stays for k, x in enumerate(inside)]
         return [np.where(inside, moved, self.row)]
 
     def _picture(self) -> dict[str, list[Any]]:

@@ -14,9 +14,20 @@ from robodyn_cli.over.loop_c.rules import CRules, rule_name
 from robodyn_cli.over.loop_c.structure import CStructure
 
 ROW = 8  # bytes of a double
-SLOTS = ("T", "T_END", "T_AFTER", "T_BEFORE", "H_MAX", "SAMPLE_START", "SAMPLE_STEP")
+SLOTS = ("T", "T_END", "T_AFTER", "T_BEFORE", "NEXT_UPDATE", "H_MAX", "SAMPLE_START", "SAMPLE_STEP")
 # what is kept of a motion that goes step by step
-STATE = ("LAST_EVENT", "EVENT_TIME", "AT_EVENT", "ENDED", "TIME", "PASSED", "LIMIT", "LONGEST", "STRETCH")
+STATE = (
+    "LAST_EVENT",
+    "EVENT_TIME",
+    "AT_EVENT",
+    "ENDED",
+    "TIME",
+    "PASSED",
+    "LIMIT",
+    "LONGEST",
+    "STRETCH",
+    "SAMPLED",
+)
 FOREVER = 1e300  # s
 MORE_COUNTS = ("CAPACITY", "ROWS", "WATCH")
 
@@ -110,12 +121,13 @@ class LoopTables:
         outputs = [sum(sizes.values()) for sizes in d["outputs"].values()]
         block = memory["block"] // ROW
         more = self.constants["OBSERVED"] + self.constants["REACTIONS"]
+        before = {"before": block} if self.constants["BEGUN"] else {}
         observed = {"observed": d["size"] + 1 + more} if more else {}
         return {
             "block": block, "saved": block, **room, "numbers": d["own"] + 1,
             "p": max(1, len(memory["parameters"])), "values": events + 1, "bracket": 2 * (1 + events),
             "places": len(memory["places"]), "table": max(1, len(d["numbers"])), "x": d["size"], "out": d["size"],
-            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": len(STATE), **observed,
+            "results": max([1, *outputs]), "closing": max([1, *closing]), "state": len(STATE), **before, **observed,
         }  # fmt: skip
 
     @cached_property
@@ -147,7 +159,7 @@ class LoopTables:
     def known(self) -> float:
         """Up to when all times are known at which steps have to end, and what a controller follows [s]."""
         control = self.structure.motion.problem.control
-        follows = control is not None and control.reference.motion is not None
+        follows = control is not None and control.reference.motion is not None and not self.structure.is_led
         return float(self.data["duration"]) if follows or self.structure.system.breakpoints else FOREVER
 
     def _types(self) -> str:

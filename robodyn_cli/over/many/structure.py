@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.many import Decision, Expressions, ManyNumbers
 from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.given.along import Interpolated
 from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
@@ -20,7 +21,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
-from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
+from robodyn_cli.over.many.keys import NUMBER, OPTION, START, Key, settings
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -64,8 +65,8 @@ class Structure(Built):
             tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
         why = obstacle(self.motion, keys, command.follows_events) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
-        # a controller may hold where the joints start
-        self.follows = self.follows or (self.motion.problem.control is not None and bool(len(row)))
+        # for another duration the motion that a controller follows may be another one
+        self.follows |= self.motion.problem.control is not None and any(key.sort == OPTION for key in keys)
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
         self._observers: dict[bool, tuple[Observer, list[Decision]]] = {}
@@ -171,6 +172,8 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         "contact states begin and change in Python": not follows_events
         and (begins or bool(system.parameters)),
         **_of_samples(motion, keys),
+        "a controller holds where the joints start, or begins there what it follows": _holds_start(motion)
+        and any(key.sort == START and key.place.startswith("q.") for key in keys),
         "states of a controller start otherwise": control is not None
         and any(key.place.startswith("control.state") for key in keys),
         "steps have to end at times that formulas or tables give, which may be others": times_vary(keys)
@@ -189,6 +192,16 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         and any(event.is_discontinuity for event in system.events),
     }
     return first_of(reasons)
+
+
+def _holds_start(motion: Motion) -> bool:
+    """Tell whether numbers of a controller may follow from where the joints start."""
+    control = motion.problem.control
+    if control is None:
+        return False
+    if control.reference.motion is None:
+        return not set(motion.problem.model.q_names) <= set(control.controller.pose)
+    return isinstance(control.reference.motion, Interpolated) or control.controller.directions is not None
 
 
 def _of_samples(motion: Motion, keys: Sequence[Key]) -> dict[str, bool]:
