@@ -386,8 +386,9 @@ def test_shapes_and_keys_that_do_not_fit_are_refused() -> None:
 
 
 # -- lanes --------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("method", ["dop853", "dopri5"])
-def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
+@pytest.mark.parametrize(("method", "within"), [("dop853", 2e-8), ("dopri5", 2e-8), ("taylor12", 1e-7)])
+def test_lanes_make_the_steps_of_the_scalar_loop(method: str, within: float) -> None:
+    """Where rounding decides whether a step counts they are apart by as much as each is off."""
     scene = load_scene(
         PENDULUM, [f"simulate.integrator={method}", "simulate.duration=2", "simulate.rtol=1e-9"]
     )
@@ -405,7 +406,7 @@ def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
     expected = batch.drive(method, batch.options)
     assert found.arrived.all()
     np.testing.assert_array_equal(found.time, values[:, 1])
-    np.testing.assert_allclose(found.y, expected.y, atol=2e-8, rtol=0)
+    np.testing.assert_allclose(found.y, expected.y, atol=within, rtol=0)
     assert np.abs(found.steps - expected.steps).max() <= 3
     assert abs(found.steps.mean() - expected.steps.mean()) < 0.5
 
@@ -519,7 +520,7 @@ def test_rows_that_cannot_be_built_leave_the_others_to_compiled_code() -> None:
 
 
 def test_a_structure_whose_numbers_are_refuted_is_never_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Built, "_has_numbers_of", lambda self, other: False)
+    monkeypatch.setattr(Built, "has_numbers_of", lambda self, other: False)
     mechanism = Mechanism(load_scene(PENDULUM), vary=[MASS])
     for _ in range(2):
         runs = mechanism.simulate_many({MASS: np.array([11.0, 12.0, 13.0])}, of=["final.time"])

@@ -86,7 +86,7 @@ class TaylorStepper(Stepper[Coefficients]):
 
     def _jets(self, t: Value) -> Coefficients:
         w, s = self.w, self.w.system
-        w.count(IntegerSlot.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS, self.method.order)  # a coefficient of the rates counts as one
         program, state = s.dynamics.program, [w.state[k] for k in range(s.size)]
         jets = Jets(self.f, program, w.inputs(program, t, w.state), state, s.nv, w.programs.fused)
         return jets.up_to(self.method.order)
