@@ -48,10 +48,13 @@ OPTIONS = "Options of "
 
 @dataclasses.dataclass
 class Page:
-    """A page of the site: its text, with links as in the file that it comes from."""
+    """A page of the site: its text, with links as in the file that it comes from, and what is added below its heading
+    and at its end, with links as in the site. A page that comes from no file has links as in the site throughout."""
 
     text: str
-    source: str  # path in the repository
+    source: str  # path in the repository, "" of a page that comes from no file
+    below: str = ""
+    after: str = ""
 
 
 @dataclasses.dataclass
@@ -183,7 +186,11 @@ class Links:
         def change(part: str) -> str:
             return LINK.sub(lambda m: self.link(path, page.source, m), part)
 
-        return prose(without_comments(page.text), change)
+        text = prose(without_comments(page.text), change) if page.source else page.text
+        if page.below:
+            first, _, rest = text.partition("\n")
+            text = f"{first}\n\n{page.below}\n{rest}"
+        return f"{text}\n{page.after}" if page.after else text
 
     def link(self, path: str, source: str, match: re.Match[str]) -> str:
         """Return a link of a page as the site has it."""

@@ -9,9 +9,15 @@ from pathlib import Path
 import pytest
 from website.__main__ import whole_site
 from website.contents import listed
+from website.examples import WITHOUT, all_examples
+from website.gallery import whole
+from website.indexes import messages
 from website.pages import DOCS, ROOT, Links, Site, sources
-from website.text import headings, slug
+from website.runs import drawing, scenes
+from website.text import headings, sections, slug
 
+import robodyn
+from robodyn_cli import load_scene
 from robodyn_cli.commands import COMMANDS
 
 
@@ -41,7 +47,7 @@ def test_every_command_has_a_page() -> None:
 
 def test_every_page_is_in_the_contents() -> None:
     pages = [page for pages in listed(site()).values() for page in pages]
-    trees = "".join(page.text for page in site().pages.values())
+    trees = "".join(page.text + page.after for page in site().pages.values())
     for path in site().pages:
         listed_below = re.search(rf"^{Path(path).stem}$", trees, re.MULTILINE)
         assert path == "index.md" or path in pages or listed_below, path
@@ -76,3 +82,36 @@ def test_the_first_page_has_three_commands_to_the_first_picture() -> None:
     )
     assert len(blocks) == 1 and len(blocks[0].splitlines()) == 3
     assert "pip install robodyn\n" in blocks[0]
+
+
+def test_every_section_of_a_scene_has_a_whole_example() -> None:
+    """That loads, and writes a key of the section, if the section has a table of keys."""
+    text = (DOCS / "scene.md").read_text(encoding="utf-8")
+    parts = {slug(heading): body for heading, body in sections(text, 2)[1]}
+    examples = all_examples()
+    assert sorted(parts) == sorted([*examples, *WITHOUT])
+    for name, example in examples.items():
+        scene = load_scene(example.shot.file)
+        assert example.plot in {place.partition(":")[2] for place in COMMANDS[example.shot.command].plots}
+        assert scene.command is not None
+        tables = re.findall(r"<!-- keys: .*?<!-- end -->", parts[name], re.DOTALL)
+        keys = {key for table in tables for key in re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)}
+        assert not keys or keys & set(re.findall(r"(\w+):", whole(example.shot.file))), name
+
+
+def test_indexes_hold_keys_and_messages() -> None:
+    keys = site().pages["reference/keys.md"].text
+    assert all(f"| `{key}` |" in keys for key in ("mass", "coulomb", "schema", "vary"))
+    found = messages(ROOT / "robodyn_cli" / "drives")
+    assert {"SceneError", "CapabilityError", ""} <= {message.kind for message in found}
+    assert all(len(message.text.split()) > 2 for message in found)
+
+
+def test_the_python_pages_have_every_name() -> None:
+    text = "".join(page.text for path, page in site().pages.items() if path.startswith("python/"))
+    assert all(f"\n## {name}\n" in text for name in robodyn.__all__ if name != "__version__")
+
+
+def test_examples_of_all_kinds_of_commands_are_run() -> None:
+    commands = {shot.command for shot in (*scenes(), *drawing())}
+    assert {name for name, row in COMMANDS.items() if row.plots} <= commands
