@@ -108,18 +108,36 @@ class Switching:
         ]
 
     @cached_property
+    def of_time(self) -> list[Expr]:
+        """Functions of time alone in formulas, whose times steps end at."""
+        if not self.formulas:
+            return []
+        from robodyn_cli.equations.time_structure import functions_of_time
+
+        t = self.equations.t
+        functions = [f for _, entries in self.formulas for f in functions_of_time(entries, t)]
+        return [*functions, *(switch for _, switch in self.switches if is_of_time(switch, t))]
+
+    @cached_property
+    def tabled(self) -> set[float]:
+        """Times at which tables, trajectories and controllers are not smooth."""
+        e = self.equations
+        times = {
+            float(row[0]) for torque in e.scene.torques.values() if _tabulated(torque) for row in torque.table
+        }
+        if e.model.forces:
+            times |= e.elements.breakpoints
+        if e.scene.prescribed:
+            times.update(self.followed or ())
+        if e.control is not None:
+            times.update(x for x in e.control.breakpoints if 0.0 < x < e.scene.simulate.duration)
+        return times
+
+    @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
-        scene, t = self.equations.scene, self.equations.t
-        duration = scene.simulate.duration
-        tables = [torque for torque in scene.torques.values() if _tabulated(torque)]
-        times = {float(row[0]) for torque in tables for row in torque.table}
-        if self.equations.model.forces:
-            times |= self.equations.elements.breakpoints
-        if scene.prescribed:
-            times.update(self.followed or ())
-        if self.equations.control is not None:
-            times.update(x for x in self.equations.control.breakpoints if 0.0 < x < duration)
+        t, duration = self.equations.t, self.equations.scene.simulate.duration
+        times = set(self.tabled)
         for _, switch in self.switches:
             if is_of_time(switch, t):
                 times.update(switching_times(switch, t, duration))

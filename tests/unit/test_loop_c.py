@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from robodyn_cli.cli.app import run
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.as_c.words import text_beside, used_functions
 from robodyn_cli.kernels.as_c.writer import write_c99
+from robodyn_cli.over.c99.keys import asked_key
+from robodyn_cli.over.fmu.export import fmu_structure
 from robodyn_cli.over.live.rules import Tape
 from robodyn_cli.over.loop_c import rules
 from robodyn_cli.over.loop_c.rules import CRules
@@ -254,6 +257,31 @@ def test_inertias_that_no_body_has_are_left_to_the_program(tmp_path: Path) -> No
     assert why == 0 and own.begin(bad)[1] == own.reasons.index("definite")
     own.stop(loop, 0.1)
     assert own.change(loop, good) == 0 and own.change(loop, bad) == own.reasons.index("definite")
+
+
+@needs_compiler
+def test_parameters_of_torques_are_keys_and_zero_within_ranges_is_one_value(tmp_path: Path) -> None:
+    """A part of a torque that no function of the model has, beside a function of time; a damping that may vanish."""
+    overrides = [
+        "parameters={k: 20}", "torques.theta1=-k*theta1 + 3*sin(2*t)", "robot.joints.theta1.damper={damping: 0.5}",
+        "simulate.duration=0.5",
+    ]  # fmt: skip
+    family = family_of("double_pendulum.yaml", overrides)
+    asked = [asked_key("parameters.k=0:50"), asked_key("robot.joints.theta1.damper.damping=0:2")]
+    structure, _ = fmu_structure(family, asked, [])
+    ranges = {key.key.name: (key.low, key.high) for key in structure.keys}
+    assert ranges == {one.name: one.ends for one in asked}
+    own = ExportedLoop(family, ranges, tmp_path / "c")
+    rows = np.vstack([random_rows(ranges, 3, 4), [[20.0, 1e-6], [20.0, 0.0]]])
+    pages = [own.run(row) for row in rows]
+    wrong, refused = disagreements(pages, run_many(family, ranges, rows))
+    assert wrong == [] and refused == 1 and pages[-1]["reason"] == "special"
+    with pytest.raises(CapabilityError, match="parameters.unused: nothing in the simulation depends on it"):
+        fmu_structure(
+            family_of("double_pendulum.yaml", ["parameters={unused: 2}"]),
+            [asked_key("parameters.unused=1:3")],
+            [],
+        )
 
 
 REFUSED = {

@@ -132,7 +132,7 @@ def export_c(
     structure: it is named; llvmlite is too old for objects. OutputError : it cannot be written.
     """
     starts = [one for one in asked if is_start(family, one)] if loop else []
-    made = parametrised(family, [one for one in asked if one not in starts])
+    made = parametrised(family, [one for one in asked if one not in starts], loop)
     if not made.own.functions:
         raise CapabilityError(f"{family.path}: it has no functions: " + "; ".join(made.own.left_out.values()))
     states = compared_states(made.own)

@@ -16,7 +16,7 @@ from robodyn_cli.expr.statements import quantities
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.c99.functions import ModelFunctionsOfScene, functions_of, ready
-from robodyn_cli.over.many.keys import OPTION, START, Key, setting, settings, understand
+from robodyn_cli.over.many.keys import OPTION, START, Key, setting, settings, understand, value_of
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.numbers import at_key
@@ -140,8 +140,10 @@ class _Build:
         return [x for program in self.programs.values() for x in program.numbers]
 
 
-def parametrised(family: Family, asked: Sequence[AskedKey]) -> Parametrised:
+def parametrised(family: Family, asked: Sequence[AskedKey], simulated: bool = False) -> Parametrised:
     """Return the functions of a scene with the keys that are asked for, or those that cost nothing.
+
+    simulated : whether a simulation goes with them, so that they need not depend on all keys (see ``key_bounds``).
 
     Raises
     ------
@@ -153,11 +155,12 @@ def parametrised(family: Family, asked: Sequence[AskedKey]) -> Parametrised:
     build = _Build(scene, [key.place for key in understood])
     depends = places(build.numbers)
     for one, key in zip(asked, understood):
-        if key.place not in depends:
+        if key.place not in depends and not simulated:
             raise CapabilityError(
                 f"--key {one.name}: no function depends on it as a number; allowed: {listed(depends) or 'none'}"
             )
-    names = [key.place for key in understood] or [x for x in depends if _is_cheap(family, x)]
+    names = [key.place for key in understood if key.place in depends]
+    names = names if understood else [x for x in depends if _is_cheap(family, x)]
     names, behind = _without_python(build, names)
     if behind and asked:
         raise CapabilityError(
@@ -168,6 +171,23 @@ def parametrised(family: Family, asked: Sequence[AskedKey]) -> Parametrised:
     values = numbers_at_places(build.own.problem.scene)
     keys = tuple(_described(family, name, values[name], ranges.get(name)) for name in names)
     return _confirmed(family, scene, build, keys)
+
+
+def key_bounds(family: Family, asked: Sequence[AskedKey]) -> dict[str, tuple[float, float]]:
+    """Return the bounds of numbers of the equations in a simulation, by name: those asked for, or those of the scene.
+
+    Raises
+    ------
+    CapabilityError : the scene has no value, or one outside.
+    """
+    bounds = {}
+    for one in asked:
+        value = value_of(family, one.name)
+        if value is None:
+            raise CapabilityError(f"--key {one.name}: it has no value in the scene; give it one by --set")
+        key = _described(family, one.name, value, one)
+        bounds[one.name] = key.low, key.high
+    return bounds
 
 
 def is_start(family: Family, one: AskedKey) -> bool:

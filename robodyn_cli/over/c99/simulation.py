@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 
-from robodyn_cli.over.c99.keys import AskedKey, Parametrised
+from robodyn_cli.over.c99.keys import AskedKey, Parametrised, is_start, key_bounds
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 
@@ -47,6 +47,8 @@ def simulation_of(
     from robodyn_cli.over.loop_c.structure import left_out, structure_of
 
     bounds = {key.name: (key.low, key.high) for key in made.keys}
+    others = [one for one in asked if one.name not in bounds and not is_start(family, one)]
+    bounds |= key_bounds(family, others)
     ranges = {one.name: bounds.get(one.name, one.ends) for one in asked}
     structure, without = structure_of(family, ranges, bounds)
     library = LoopLibrary(structure, name, os.path.basename(made.own.problem.scene.path))

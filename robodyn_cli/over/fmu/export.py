@@ -18,7 +18,7 @@ from pathlib import Path
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.foreign import opened
 from robodyn_cli.kernels.as_c.words import text_beside
-from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
+from robodyn_cli.over.c99.keys import AskedKey, is_start, key_bounds, parametrised
 from robodyn_cli.over.c99.source import library_name
 from robodyn_cli.over.fmu.description import UnitDescription
 from robodyn_cli.over.fmu.set_points import with_set_points
@@ -77,9 +77,9 @@ def fmu_structure(
     ranges = {one.name: one.ends for one in (*asked, *inputs)}
     if asked:
         numbers = [one for one in asked if not is_start(family, one)]
-        bounds = (
-            {key.name: (key.low, key.high) for key in parametrised(family, numbers).keys} if numbers else {}
-        )
+        held = parametrised(family, numbers, simulated=True).keys if numbers else ()
+        bounds = {key.name: (key.low, key.high) for key in held}
+        bounds |= key_bounds(family, [one for one in numbers if one.name not in bounds])
         ranges |= {name: x for name, x in bounds.items() if name in ranges}
         return FmuStructure(family, ranges, names, points), []
     cheap, why = _cheap(family)

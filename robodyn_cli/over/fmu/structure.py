@@ -19,6 +19,7 @@ from robodyn_cli.observe.observe import observed
 from robodyn_cli.observe.reactions import REACTION_GROUPS, ReactionSamples
 from robodyn_cli.over.fmu.set_points import SetPoints
 from robodyn_cli.over.live.code import StateEquations
+from robodyn_cli.over.live.keys import ends_of
 from robodyn_cli.over.live.structure import STATE
 from robodyn_cli.over.loop_c.structure import CStructure
 from robodyn_cli.over.many.keys import NUMBER
@@ -105,7 +106,7 @@ class FmuStructure(CStructure):
         ]
         rows = []
         for k in own:
-            for x in (self.keys[k].low, self.keys[k].high):
+            for x in ends_of(self.keys[k]):
                 row = self.row.copy()
                 row[k] = x
                 rows.append(row)

@@ -78,7 +78,9 @@ class Judging:
             self.sampling, _, self.judged = samplings(self.batch, live.method, shown)
         self.first = self._drive(self.options, FleetLimits(steps=np.array([self.most])), self.sampling)
         if not self._ended(self.first):
-            raise CapabilityError(f"this scene cannot {live.where}: its own run is left to the command")
+            raise CapabilityError(
+                f"this scene cannot {live.where}: its own run is left to the command{self._stopped_by}"
+            )
 
     def _drive(self, options: Options, limits: FleetLimits, sampling: Sampling) -> Runs:
         """Make the run of the scene as a page does: by the loop of single runs, whatever the samples."""
@@ -93,6 +95,14 @@ class Judging:
             return bool(runs.arrived[0])
         event = self.system_events[int(runs.n[0, IntegerSlot.EVENT])].kind if self.system_events else None
         return runs.status[0] == Status.EVENT and event is EventKind.DEAD_POINT
+
+    @property
+    def _stopped_by(self) -> str:
+        """Words about the event with which the run of the scene leaves compiled code, if it is one."""
+        if self.first.status[0] != Status.EVENT:
+            return ""
+        name = self.system_events[int(self.first.n[0, IntegerSlot.EVENT])].name
+        return f" from t = {self.first.time[0]:.6g} s on: what happens to {name} there is found in Python"
 
     @property
     def system_events(self) -> Any:

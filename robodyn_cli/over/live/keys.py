@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
 
+BESIDE = 1e-3  # of a range, from an end where the equations are others
 MOST_CORNERS = 6  # keys of whose ranges all corners are looked at; of more, the ends of each alone
 SORTS = {STRUCTURE: "decides which equations there are", OPTION: "is an option of the run"}
 # functions of the C library that a browser has under the same names
@@ -53,6 +55,7 @@ class LiveScene:
     """
 
     where = "run in a page"  # what the scene is to do, as refusals say it
+    in_page = True
 
     def __init__(
         self, family: Family, ranges: Mapping[str, tuple[float, float]], commands: Mapping[str, Any]
@@ -81,21 +84,25 @@ class LiveScene:
         ------
         CapabilityError : it has no value, or one outside.
         """
-        low, high = ends
+        (low, high), asked = ends, f"{self._option(key.name)} {key.name}"
         if key.scale != 1.0:
             raise CapabilityError(
-                f"{key.name} has a unit or a sign in the scene; allowed: the key without '#'"
+                f"{asked}: it has a unit or a sign in the scene; allowed: the key without '#'"
             )
         value = value_of(mechanism.family, key.name)
         if value is None:
-            raise CapabilityError(f"{key.name} has no value in the scene; give it one by --set")
-        if not low < high or not math.isfinite(low) or not math.isfinite(high):
-            raise CapabilityError(f"{key.name}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
+            raise CapabilityError(f"{asked}: it has no value in the scene; give it one by --set")
+        if self.in_page and not (low < high and math.isfinite(low) and math.isfinite(high)):
+            raise CapabilityError(f"{asked}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
         if not low <= value <= high:
             raise CapabilityError(
-                f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within"
+                f"{asked}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
             )
         return LiveKey(key, value, low, high)
+
+    def _option(self, name: str) -> str:
+        """Return the option that asks for a key."""
+        return "--live"
 
     def _built(self, mechanism: Mechanism, kind: type[AnyBuilt]) -> AnyBuilt:
         """Return the structure that serves the scene and the corners of its ranges."""
@@ -127,7 +134,20 @@ class LiveScene:
             raise CapabilityError(
                 f"within these ranges the equations change: those at {at} are others; narrow them"
             )
+        self.keys = [self._without_ends(own, mechanism, k) for k in range(len(self.keys))]
         return own
+
+    def _without_ends(self, own: Built, mechanism: Mechanism, k: int) -> LiveKey:
+        """Return a key for which values count as special, of those within its range, only where the equations are
+        others."""
+        key = self.keys[k]
+        within = [
+            x for x in key.key.special if math.isfinite(key.high - key.low) and key.low <= x <= key.high
+        ]
+        rows = [np.where(np.arange(len(self.row)) == k, x, self.row) for x in within]
+        same = {x for x, row in zip(within, rows) if self._serves(own, mechanism, row)}
+        special = tuple(x for x in key.key.special if x not in same)
+        return LiveKey(dataclasses.replace(key.key, special=special), key.value, key.low, key.high)
 
     def _serves(self, own: Built, mechanism: Mechanism, row: Array) -> bool:
         """Tell whether a structure has the equations of a row, or the loops do not close there, which runs find out."""
@@ -141,7 +161,7 @@ class LiveScene:
 
     def _corners(self) -> list[Array]:
         """Return rows of values at the ends of the ranges."""
-        ends = [(key.low, key.high) for key in self.keys]
+        ends = [ends_of(key) for key in self.keys]
         if len(ends) <= MOST_CORNERS:
             return [np.array(row) for row in itertools.product(*ends)]
         rows = []
@@ -175,6 +195,13 @@ class LiveScene:
                 f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
             )
         return made
+
+
+def ends_of(key: LiveKey) -> tuple[float, float]:
+    """Return the ends of a range; a little inside where the equations are others at that very value."""
+    beside = BESIDE * (key.high - key.low)
+    low, high = (x in key.key.special for x in (key.low, key.high))
+    return (key.low + beside if low else key.low), (key.high - beside if high else key.high)
 
 
 def entries_of(tables: Tables) -> list[Any]:

@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.expr.fixed import places
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.over.live.keys import SORTS, LiveKey
+from robodyn_cli.over.live.keys import SORTS, ends_of, entries_of
 from robodyn_cli.over.live.structure import LiveStructure
-from robodyn_cli.over.many.keys import NUMBER, Key, understand, value_of
-from robodyn_cli.over.many.mechanism import Mechanism
+from robodyn_cli.over.many.keys import NUMBER, understand
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.read_joints import QUATERNION
 from robodyn_cli.spatial.algebra import Array
@@ -34,6 +34,12 @@ class CStructure(LiveStructure):
             int
         ] = []  # keys at whose values equations are others, that all the same are no structure
         super().__init__(family, ranges)
+        depends = places(entries_of(self.tables))
+        for key in self.keys:
+            if key.key.sort == NUMBER and key.key.place not in depends:
+                raise CapabilityError(
+                    f"{self._option(key.key.name)} {key.key.name}: nothing in the simulation depends on it as a number"
+                )
 
     @property
     def is_led(self) -> bool:
@@ -41,30 +47,14 @@ class CStructure(LiveStructure):
         return False
 
     def _option(self, name: str) -> str:
-        """Return the option that asks for a key."""
         return "--key"
-
-    def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
-        (low, high), asked = ends, f"{self._option(key.name)} {key.name}"
-        if key.scale != 1.0:
-            raise CapabilityError(
-                f"{asked}: it has a unit or a sign in the scene; allowed: the key without '#'"
-            )
-        value = value_of(mechanism.family, key.name)
-        if value is None:
-            raise CapabilityError(f"{asked}: it has no value in the scene; give it one by --set")
-        if not low <= value <= high:
-            raise CapabilityError(
-                f"{asked}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
-            )
-        return LiveKey(key, value, low, high)
 
     def _corners(self) -> list[Array]:
         """Return rows of values at the ends of the ranges that there are."""
         rows = []
         for k, key in enumerate(self.keys):
             if math.isfinite(key.low) and math.isfinite(key.high):
-                for x in (key.low, key.high):
+                for x in ends_of(key):
                     row = self.row.copy()
                     row[k] = x
                     rows.append(row)
@@ -158,8 +148,10 @@ def _candidates(
     """Return the keys that may be such by default with their ranges, and the others with the reason."""
     scene, free = family.own, (-math.inf, math.inf)
     starts = {f"initial.{g}.{name}": free for g in ("q", "qd") for name in getattr(scene.initial, g)}
+    # of the parameters of torques, which functions are given, only the motion knows
+    parameters = {f"parameters.{name}": free for name in scene.parameters}
     able, left = {}, {}
-    for name, ends in {**cheap, **starts}.items():
+    for name, ends in {**parameters, **cheap, **starts}.items():
         joint, _, part = name.removeprefix("initial.q.").rpartition(".")
         if name in starts and joint and part in QUATERNION:
             left[name] = "an attitude starts where the scene says, its parts are no numbers of their own"

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.expr.fixed import witnessed
+from robodyn_cli.errors import listed
+from robodyn_cli.expr.fixed import places, witnessed
+from robodyn_cli.expr.graph import reachable
 from robodyn_cli.expr.many import Decision, Expressions, ManyNumbers
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.given.along import Interpolated
@@ -158,6 +160,22 @@ def times_vary(keys: Sequence[Key]) -> bool:
     )
 
 
+def varying_times(motion: Motion, keys: Sequence[Key]) -> list[str]:
+    """Return the keys with which steps may have to end at other times: those that have a part in a function of time,
+    where there are tables all that ``times_vary`` tells, and options."""
+    switching = motion.problem.switching
+    if not (motion.system.breakpoints or switching.time_structures):
+        return []
+    timed = set(places(node.value for node in reachable(switching.of_time) if node.op == "const"))
+    return [
+        key.name
+        for key in keys
+        if key.sort == OPTION
+        or (key.sort == NUMBER and key.place in timed)
+        or (bool(switching.tabled) and times_vary([key]))
+    ]
+
+
 def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) -> str:
     """Return why runs of a motion are made one by one, by the driver in Python; nothing where compiled code does.
 
@@ -166,6 +184,7 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
     system, problem = motion.system, motion.problem
     constraints, control = problem.constraints, problem.control
     begins = any(watcher.sets_start for watcher in motion.watchers)
+    times = varying_times(motion, keys)
     reasons = {
         "a long chain is integrated by loops over its bodies": system.dynamics.any_size,
         "independent coordinates or rows are chosen along the motion": system.partition is not None,
@@ -176,8 +195,9 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         and any(key.sort == START and key.place.startswith("q.") for key in keys),
         "states of a controller start otherwise": control is not None
         and any(key.place.startswith("control.state") for key in keys),
-        "steps have to end at times that formulas or tables give, which may be others": times_vary(keys)
-        and (bool(system.breakpoints) or bool(problem.switching.time_structures)),
+        f"steps have to end at times that formulas or tables give, which may be others with {listed(times)}": bool(
+            times
+        ),
         "steps have to end at more times of formulas than were found": any(
             not corners.resolved for _, corners in problem.switching.time_structures
         ),
