@@ -40,7 +40,8 @@ TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 def as_keys(summary: Any) -> dict[str, Any]:
     """Return the keys and values of a summary record, in the order of its fields.
 
-    Records inside, in lists and maps too, become dictionaries likewise; fields that are ``ABSENT`` are left out.
+    Records inside, in lists and maps too, become dictionaries likewise, numbers of numpy those of Python; fields that are
+    ``ABSENT`` are left out.
     """
     entries = {key_of(f.name): getattr(summary, f.name) for f in dataclasses.fields(summary)}
     return {name: _plain(value) for name, value in entries.items() if value is not ABSENT}
@@ -54,7 +55,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         # matrices have a million numbers
         return list(value) if PLAIN.issuperset(map(type, value)) else [_plain(entry) for entry in value]
-    return value
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def jsonable(value: Any) -> Any:

@@ -14,7 +14,7 @@ from robodyn_cli.report.registry import draw
 from robodyn_cli.results.export import to_xarray
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.held import NOT_HELD, HeldColumns
-from tests.unit.test_control import made
+from tests.unit.test_control import CART, made
 from tests.unit.test_control_held import DRIVEN
 
 PERIOD, LATE = 0.01, 0.003  # of DRIVEN: its delay is one period and this
@@ -88,3 +88,22 @@ def test_samples_that_miss_held_torques_are_told() -> None:
     for samples, told in ((41, False), (21, True)):
         figure = draw(simulate(made(DRIVEN, f"simulate.samples={samples}")), "torques")
         assert told == any("0.01 s (simulate.samples)" in text.get_text() for text in figure.texts)
+
+
+def test_tracking_draws_what_the_sensors_held_and_limits_on_either_side() -> None:
+    limits = "damper: {damping: 0.6}, limits: {effort: [-3, 8]}"
+    law = "{type: pd, period: 0.1, sensors: {resolution: 0.01}, gains: {kp: 160, kd: 9}, reference: {type: joint, duration: 1, q: {x: 0.5*t}}}"
+    text = (
+        CART.replace("damper: {damping: 0.6}", limits)
+        + f"control: {law}\nsimulate: {{duration: 1, samples: 31}}\n"
+    )
+    result = simulate(made(text))
+    _, error, torque = draw(result, "tracking").axes
+    levels = {float(line.get_ydata()[0]) for line in torque.lines if len(line.get_xdata()) == 2}
+    assert levels == {-3.0, 8.0}
+    (grey,) = [line for line in error.lines if line.get_linewidth() == 0.6 and line.get_alpha() == 0.6]
+    x, y = (np.asarray(part) for part in grey.get_data())
+    inside = np.linspace(0.301, 0.399, 9)  # one measurement, that at 0.3 s, while the reference goes on
+    seen = result["control/measured"][9, 0]
+    assert result.time[9] == pytest.approx(0.3)
+    np.testing.assert_allclose(np.interp(inside, x, y), 0.5 * inside - seen, atol=1e-12)

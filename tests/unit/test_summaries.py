@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 
 import robodyn_cli
@@ -19,9 +20,11 @@ from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.many.command import error_of
 from robodyn_cli.results.stated_errors import STATEMENTS
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import load_scene
-from robodyn_cli.summaries.facts import Fact, UnitOf, rounded_up
+from robodyn_cli.summaries.facts import Fact, Termination, UnitOf, rounded_up
 from robodyn_cli.summaries.keys import EVERY_RUN, _written, fields_at, leaf_of, leaves_of, refusal
+from robodyn_cli.summaries.loops import LoopErrors, LoopMargins
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
 NAMES = {
@@ -306,3 +309,12 @@ def test_figures_below_their_errors_are_zero_on_the_terminal() -> None:
     alone = [{"torque": 5e-17, "units": {"t": "N m"}}, {"torque": None, "units": {"t": "N m"}}]
     assert figure_columns(alone, figures) == [["torque [N m]", "5e-17", "-"]]
     assert figure_columns(alone, figures, {"torque": 1e-16}) == [["torque [N m]", "0", "-"]]
+
+
+def test_numbers_of_a_summary_are_those_of_python() -> None:
+    """Also in maps and lists: what numpy makes of arrays prints as ``np.float64(0.1)``."""
+    margin = LoopErrors(*np.arange(10.0))
+    told = as_keys(LoopMargins(*[np.float64(1.5)] * 10, margin))
+    assert {type(x) for x in (*told["errors"].values(), *list(told.values())[:-1])} == {float}
+    spread = as_keys(Termination("end", np.float64(2.0)))
+    assert repr(spread) == "{'reason': 'end', 'time': 2.0}"

@@ -163,8 +163,9 @@ def tracking(result: Result) -> Any:
         ax = axes.pop(0)
         for k in columns:
             if names[k] in seen:
-                off = finite(result["control/reference"][:, k] - seen[names[k]])
-                ax.plot(*envelope(result.time, off), color=style.GREY, alpha=0.6, linewidth=0.6, zorder=1)
+                x, measured = seen[names[k]]
+                off = finite(np.interp(x, result.time, result["control/reference"][:, k]) - measured)
+                ax.plot(*envelope(x, off), color=style.GREY, alpha=0.6, linewidth=0.6, zorder=1)
         sheet.draw(ax, error.part(columns), styles)
         ax.axhline(0.0, color=style.GREY, linewidth=0.6)
         ax.set_ylabel(f"error [{units}]")
@@ -174,12 +175,12 @@ def tracking(result: Result) -> Any:
     return sheet.figure
 
 
-def _seen(result: Result) -> dict[str, Array]:
-    """Return positions as the controller saw them last, by coordinate, where it has sensors."""
+def _seen(result: Result) -> dict[str, tuple[Array, Array]]:
+    """Return times and positions as the controller saw them last, by coordinate, where it has sensors."""
     if "control/measured" not in result:
         return {}
-    measured = result.variables["control/measured"]
-    return dict(zip(measured.names, measured.data.T))
+    measured = curves_of(result, "control/measured")
+    return dict(zip(measured.names, measured.lines(result.time)))
 
 
 def _followed(result: Result) -> tuple[DrawnCurves, DrawnCurves]:
@@ -214,12 +215,13 @@ def _torques(
 ) -> None:
     """Draw torques with the limits of joints that have some."""
     names, lines = torque.names, torque.lines(result.time)
-    limits = (result.summary.get("control") or {}).get("limits", {})
+    control = result.summary.get("control") or {}
+    limits, least = control.get("limits", {}), control.get("least_limits", {})
     for k in columns:
         look = looks.get(names[k]) or style.dashed_style(k)
         ax.plot(*envelope(*lines[k]), **look, linewidth=1.2)
         if names[k] in limits:
-            for side in (-1.0, 1.0):
-                ax.axhline(side * limits[names[k]], **look, linewidth=0.7)
+            for level in (least.get(names[k], -limits[names[k]]), limits[names[k]]):
+                ax.axhline(level, **look, linewidth=0.7)
     fit_axis(ax, torque.part(columns))
     ax.set_ylabel(load_label("torque", units))
