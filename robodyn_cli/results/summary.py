@@ -40,8 +40,8 @@ TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 def as_keys(summary: Any) -> dict[str, Any]:
     """Return the keys and values of a summary record, in the order of its fields.
 
-    Records inside, in lists and maps too, become dictionaries likewise, numbers of numpy those of Python; fields that are
-    ``ABSENT`` are left out.
+    Records inside, in lists and maps too, become dictionaries likewise, numbers of numpy those of Python; fields
+    that are ``ABSENT`` are left out.
     """
     entries = {key_of(f.name): getattr(summary, f.name) for f in dataclasses.fields(summary)}
     return {name: _plain(value) for name, value in entries.items() if value is not ABSENT}
