@@ -5,7 +5,7 @@ data. To add a method, write one file and one line in ``robodyn_cli/integration_
 
 1. ``attempt`` emits one step, leaves the new state in ``w.new`` and returns the error as it is, with NaN as NaN; how
    large the next step is to be follows from it in ``control``. What dense output needs of the step is handed on as a
-   value (``StepAttempt.kept``).
+   value (``StepAttempt.kept``). ``begin`` comes before it where the start of a step says how long it may be.
 2. ``save_dense`` stores what dense output needs in ``%dense``; ``dense`` evaluates it at u in [-1, 0], where 0 is
    the end of the step.
 3. Whatever is done for each velocity goes through ``Writer.each`` and ``Writer.array``: straight-line code for a

@@ -14,7 +14,6 @@ What has kinks takes the branch on which it is at the start.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import zip_longest
 from typing import NamedTuple
 
 from robodyn_cli.kernels.ir import Condition, Function, Value
@@ -22,11 +21,8 @@ from robodyn_cli.kernels.lower import Inputs, loaded, values_of
 from robodyn_cli.kernels.program import Instruction, Program
 from robodyn_cli.kernels.series.rules import Series
 
-FLAT = frozenset(
-    {"sign", "round", "table"}
-)  # whose slopes are zero but for jumps; of tables those of degree 0
+FLAT = frozenset({"sign", "round", "table"})  # slopes are zero but for jumps; of tables those of degree 0
 KINKED = frozenset({"where", "min", "max", "abs"})
-BLOCK = 2  # orders whose convolutions are summed side by side: a coefficient that is loaded serves both
 
 
 class Factor(NamedTuple):
@@ -35,9 +31,6 @@ class Factor(NamedTuple):
     series: int
     order: int
     of_rate: bool = False
-
-
-Product = tuple[Factor, Factor]
 
 
 class Jets:
@@ -73,15 +66,10 @@ class Jets:
 
     def up_to(self, order: int) -> list[list[Value | None]]:
         """Emit coefficients up to this order, of q one more; return those of the states, None where they are zero."""
-        first = 1
-        while first < order:
-            group = range(first, min(first + (BLOCK if first > 1 else 1), order))
-            known = self._known_sums(group)
-            for m in group:
-                for k in range(len(self.code)):
-                    if k not in self._rate and not self.series.constant[k]:
-                        self._c[k].append(self._coefficient(k, m, known))
-            first = group.stop
+        for m in range(1, order):
+            for k in range(len(self.code)):
+                if k not in self._rate and not self.series.constant[k]:
+                    self._c[k].append(self._coefficient(k, m))
         states = range(len(self.code), len(self._c))
         return [[self.at(Factor(k, n)) for n in range(order + 1 + (self._rate[k] in states))] for k in states]
 
@@ -94,7 +82,10 @@ class Jets:
         if x.order >= len(own) and x.series in self._rate:
             for n in range(len(own), x.order + 1):
                 own.append(_scaled(self.at(Factor(x.series, n, of_rate=True)), 1.0 / n))
-        return own[x.order] if x.order < len(own) else None
+        if x.order < len(own):
+            return own[x.order]
+        assert self.series.constant[x.series], "a coefficient is asked for before it is known"
+        return None
 
     def _at_rate(self, x: Factor) -> Value | None:
         if x not in self._d:
@@ -107,76 +98,24 @@ class Jets:
                 self._d[x] = self.at(Factor(source, x.order - 1))
         return self._d[x]
 
-    def _age(self, x: Factor) -> int:
-        """Return up to which order the program has to be known for a coefficient."""
-        source = self._rate.get(x.series)
-        if source is None:
-            return x.order if not self.series.constant[x.series] else 0
-        return 0 if isinstance(source, float) or not x.order else self._age(Factor(source, x.order - 1))
+    # -- rules ----------------------------------------------------------------------------------------
+    def _convolution(self, a: int, b: int, orders: range, total: int, of_rate: bool = False) -> Value | None:
+        """Return the sum of coefficients of these orders of a, or of its rate, times those of b up to a total order.
 
-    # -- convolutions ---------------------------------------------------------------------------------
-    def _sums(self, k: int, m: int) -> list[list[Product]]:
-        """Return the sums of products that coefficient m of an instruction takes."""
-        i, constant = self.code[k], self.series.constant
-        if chain := self.series.chains.get(k):
-            sums = [
-                [(Factor(term.u, j, of_rate=True), Factor(term.w, m - j)) for j in range(1, m + 1)]
-                for term in chain.terms
-                if term.w is not None
-            ]
-            if chain.g is not None:
-                sums.append([(Factor(k, j, of_rate=True), Factor(chain.g, m - j)) for j in range(1, m)])
-            return sums
-        if i.op == "mul" and not any(constant[a] for a in i.args):
-            a, b = i.args
-            return [[(Factor(a, j), Factor(b, m - j)) for j in range((m + 1) // 2 if a == b else m + 1)]]
-        if i.op == "div" and not constant[i.args[1]]:
-            return [[(Factor(i.args[1], j), Factor(k, m - j)) for j in range(1, m + 1)]]
-        return []
-
-    def _known_sums(self, group: range) -> _Known:
-        """Emit those parts of the sums of these orders that are known before the first of them."""
-        found: _Known = {}
-        for k in range(len(self.code)):
-            if self.series.constant[k] or k in self._rate:
-                continue
-            for place, sums in enumerate(zip(*(self._sums(k, m) for m in group))):
-                parts = [self._by_age(products, group.start) for products in sums]
-                totals: list[Value | None] = [None] * len(group)
-                # side by side, since they share factors
-                for row in zip_longest(*(known for known, _ in parts)):
-                    for n, product in enumerate(row):
-                        if product is not None:
-                            totals[n] = self._plus(totals[n], product)
-                for m, total, (_, rest) in zip(group, totals, parts):
-                    found[k, m, place] = total, rest
+        LLVM puts the terms into an order in which what is known last waits for nothing.
+        """
+        found: Value | None = None
+        for n in orders:
+            x, y = self.at(Factor(a, n, of_rate)), self.at(Factor(b, total - n))
+            if x is not None and y is not None:
+                found = _added(found, x * y)
         return found
 
-    def _by_age(self, products: Sequence[Product], before: int) -> tuple[list[Product], list[Product]]:
-        """Return products that are known before an order and others, the newest last: what they wait for runs beside
-        the rest."""
-        aged = sorted((max(self._age(x) for x in product), n) for n, product in enumerate(products))
-        old, new = ([products[n] for age, n in aged if (age < before) == known] for known in (True, False))
-        return old, new
-
-    def _plus(self, total: Value | None, product: Product) -> Value | None:
-        a, b = (self.at(x) for x in product)
-        if a is None or b is None:
-            return total
-        return a * b if total is None else self.f.muladd(a, b, total)
-
-    def _sum(self, known: _Known, k: int, m: int, place: int = 0) -> Value | None:
-        total, rest = known[k, m, place]
-        for product in rest:
-            total = self._plus(total, product)
-        return total
-
-    # -- rules ----------------------------------------------------------------------------------------
-    def _coefficient(self, k: int, m: int, known: _Known) -> Value | None:
+    def _coefficient(self, k: int, m: int) -> Value | None:
         """Return coefficient m of an instruction that is neither a state nor constant."""
         i = self.code[k]
         if k in self.series.chains:
-            return self._of_chain(k, m, known)
+            return self._of_rule(k, m)
         args = [self.at(Factor(a, m)) for a in i.args]
         if i.op == "add":
             return _added(*args)
@@ -185,42 +124,39 @@ class Jets:
         if i.op == "neg":
             return _scaled(args[0], -1.0)
         if i.op == "mul":
-            return self._of_product(k, m, known)
+            return self._of_product(i.args[0], i.args[1], m)
         if i.op == "div":
-            top = args[0]
-            if not self.series.constant[i.args[1]]:
-                top = _subtracted(top, self._sum(known, k, m))
-            return None if top is None else top * self._inverse_of(i.args[1])
+            top, under = args[0], i.args[1]
+            if not self.series.constant[under]:
+                top = _subtracted(top, self._convolution(under, k, range(1, m + 1), m))
+            return None if top is None else top * self._inverse_of(under)
         if i.op in KINKED:
             return self._on_side(k, i, args)
         assert i.op in FLAT or i.op == "sym", i.op
         return self.f.constant(1.0, self.width) if i.op == "sym" and m == 1 else None
 
-    def _of_product(self, k: int, m: int, known: _Known) -> Value | None:
-        a, b = self.code[k].args
+    def _of_product(self, a: int, b: int, m: int) -> Value | None:
         for x, y in ((a, b), (b, a)):
             if self.series.constant[x]:
                 factor, coefficient = self._c[x][0], self.at(Factor(y, m))
                 return None if coefficient is None or factor is None else factor * coefficient
-        total = self._sum(known, k, m)
         if a != b:
-            return total
-        twice, middle = _scaled(total, 2.0), self.at(Factor(a, m // 2))
-        if m % 2 or middle is None:
-            return twice
-        return middle * middle if twice is None else self.f.muladd(middle, middle, twice)
+            return self._convolution(a, b, range(m + 1), m)
+        twice = _scaled(self._convolution(a, a, range((m + 1) // 2), m), 2.0)
+        middle = self.at(Factor(a, m // 2)) if m % 2 == 0 else None
+        return twice if middle is None else _added(twice, middle * middle)
 
-    def _of_chain(self, k: int, m: int, known: _Known) -> Value | None:
-        chain, total, place = self.series.chains[k], None, 0
-        for term in chain.terms:
+    def _of_rule(self, k: int, m: int) -> Value | None:
+        rule, total = self.series.chains[k], None
+        for term in rule.terms:
             if term.w is None:
                 own = self.at(Factor(term.u, m, of_rate=True))
             else:
-                own, place = self._sum(known, k, m, place), place + 1
+                own = self._convolution(term.u, term.w, range(1, m + 1), m, of_rate=True)
             total = _subtracted(total, own) if term.s == -1.0 else _added(total, _scaled(own, term.s))
-        if chain.g is not None:
-            total = _subtracted(total, self._sum(known, k, m, place))
-            total = None if total is None else total * self._inverse_of(chain.g)
+        if rule.g is not None:
+            total = _subtracted(total, self._convolution(k, rule.g, range(1, m), m, of_rate=True))
+            total = None if total is None else total * self._inverse_of(rule.g)
         self._d[Factor(k, m, of_rate=True)] = total
         return _scaled(total, 1.0 / m)
 
@@ -243,9 +179,6 @@ class Jets:
         if a is None and b is None:
             return None
         return f.select(self._sides[k], zero if a is None else a, zero if b is None else b)
-
-
-_Known = dict[tuple[int, int, int], tuple["Value | None", list[Product]]]
 
 
 def _scaled(x: Value | None, factor: float) -> Value | None:

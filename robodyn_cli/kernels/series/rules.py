@@ -65,20 +65,6 @@ class Series:
             found.append(is_parameter or (i.op != "sym" and all(found[a] for a in i.args)))
         return found
 
-    @property
-    def products(self) -> int:
-        """Convolutions of an order."""
-        count = 0
-        for k, i in enumerate(self.program.instructions):
-            if k in self.chains:
-                count += sum(term.w is not None for term in self.chains[k].terms)
-                count += self.chains[k].g is not None
-            elif i.op == "div":
-                count += not self.constant[i.args[1]]
-            elif i.op == "mul":
-                count += not any(self.constant[a] for a in i.args)
-        return count
-
 
 class _Expansion:
     """Adds what rules need to a program: w and g of its functions. Reciprocals that serve in products become quotients,
