@@ -46,6 +46,17 @@ def test_loop_pictures_of_one_joint(law: str) -> None:
     low, high = ax.get_xlim()
     assert low < dotted.min() and dotted.max() < high and np.ptp(dotted) > 120.0
 
+    axes = draw(result, "poles").axes
+    assert len(axes) == 1 + ("period" in LAWS[law])
+    for ax, group in ((axes[0], "linear"), (axes[-1], "loop")):
+        marks = [np.asarray(line.get_data()).T for line in ax.lines if line.get_marker() == "x"]
+        found = np.column_stack([result[f"{group}/poles_{part}"] for part in ("real", "imaginary")])
+        assert any(mark.shape == found.shape and np.array_equal(mark, found) for mark in marks)
+        (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+        assert np.all(
+            (low < found[:, 0]) & (found[:, 0] < high) & (bottom < found[:, 1]) & (found[:, 1] < top)
+        )
+
     figure = draw(result, "singular_loop")
     above, below = figure.axes
     assert "smallest" not in texts(figure) and "largest" not in texts(figure)

@@ -21,14 +21,15 @@ from robodyn_cli.spatial.algebra import Array
 
 @plot(lambda result: "linear/poles_real" in result)
 def poles(result: Result) -> Any:
-    """The poles of a linear model in the complex plane; poles along a motion are shaded by time."""
+    """The poles of a linear model in the complex plane, with those of the loop of a controller: of a sampled one beside
+    it, with the unit circle; poles along a motion are shaded by time."""
     real, imaginary = result["linear/poles_real"], result["linear/poles_imaginary"]
+    if "loop/poles_real" in result:
+        return _with_loop(result)
     along = real.ndim == 2
     text = "Poles of the linear model: left decays, right grows" + ("; shaded by time" if along else "")
     figure = titled(6.4, 5.2, result, text)
     ax = figure.add_axes((0.13, 0.11, 0.7 if along else 0.83, 0.74))
-    ax.axvline(0.0, color=GREY, linewidth=0.8)
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
     if along:
         shades = np.repeat(result.time[:, None], real.shape[1], axis=1)
         dots = ax.scatter(
@@ -37,14 +38,45 @@ def poles(result: Result) -> Any:
         figure.colorbar(dots, cax=figure.add_axes((0.86, 0.11, 0.022, 0.74))).set_label("time [s]")
     else:
         ax.plot(real, imaginary, "x", markersize=8.0, markeredgewidth=1.8)
-    size = float(np.hypot(real, imaginary).max()) or 1.0
-    # rounding beside the axes is not to fill the picture
-    for part, limits in ((real, ax.set_xlim), (imaginary, ax.set_ylim)):
+    _frame(ax, real + 1j * imaginary)
+    return figure
+
+
+def _with_loop(result: Result) -> Any:
+    """Return the poles of a plant and of its loop: in one plane, or with samples in two."""
+    plant, loop = (
+        result[f"{x}/poles_real"] + 1j * result[f"{x}/poles_imaginary"] for x in ("linear", "loop")
+    )
+    sampled = "loop/period" in result
+    where = "right: per sample, inside the circle decays" if sampled else "left decays, right grows"
+    figure = titled(
+        8.4 if sampled else 6.4, 5.2, result, f"Poles of the plant alone, and of the loop; {where}"
+    )
+    ax = figure.add_axes((0.1, 0.17, 0.38, 0.68) if sampled else (0.13, 0.17, 0.83, 0.68))
+    other = figure.add_axes((0.59, 0.17, 0.38, 0.68)) if sampled else ax
+    handles = ax.plot(plant.real, plant.imag, "x", color=GREY, markersize=7.0, markeredgewidth=1.6)
+    handles += other.plot(loop.real, loop.imag, "x", color=COLOURS[0], markersize=8.0, markeredgewidth=1.8)
+    _frame(ax, plant if sampled else np.concatenate([plant, loop]))
+    if sampled:
+        turn = np.linspace(0.0, 2.0 * np.pi, 361)
+        other.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.9, linestyle=":")
+        _frame(other, np.append(loop, [1.0, 1j]), "1")
+        other.set_aspect("equal")
+    labels = ["plant alone", "loop with the controller"]
+    figure.legend(handles, labels, loc="lower center", ncols=2, frameon=False)
+    return figure
+
+
+def _frame(ax: Axes, found: Array, unit: str = "") -> None:
+    """Give a plane of poles its axes; rounding beside these is not to fill the picture."""
+    ax.axvline(0.0, color=GREY, linewidth=0.8, zorder=1)
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=1)
+    size = float(np.abs(found).max()) or 1.0
+    for part, limits in ((found.real, ax.set_xlim), (found.imag, ax.set_ylim)):
         reach = max(float(np.abs(part).max()), 0.05 * size) * 1.15
         limits(-reach, reach)
-    ax.set_xlabel("real part [1/s]")
-    ax.set_ylabel("imaginary part [rad/s]")
-    return figure
+    ax.set_xlabel(f"real part [{unit or '1/s'}]")
+    ax.set_ylabel(f"imaginary part [{unit or 'rad/s'}]")
 
 
 GROWS, DECAYS, STAYS = COLOURS[6], COLOURS[0], COLOURS[2]
