@@ -81,8 +81,9 @@ def growth_times(result: Result) -> list[tuple[float, float]]:
     )
 
 
-# labels of the texts above the panels: a page says titles itself, and sets notes as a caption
-TITLE, NOTE = "title", "note"
+# labels of the texts above the panels: a page says titles itself, and sets notes as a caption; of a note that takes
+# several lines the further ones
+TITLE, NOTE, MORE = "title", "note", "note goes on"
 WIDTH = 7.0
 LEFT, RIGHT = 0.8, 0.3
 DEGREES = 0.36
@@ -130,10 +131,10 @@ class Sheet:
         title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
         alarms = [line for text in shape.told for line in textwrap.wrap(text, NOTE_WIDTH, max_lines=2)]
         alarms += failure_note(result)
-        below_subtitle = [
-            line for text in shape.captions for line in textwrap.wrap(text, NOTE_WIDTH, max_lines=2)
-        ]
-        notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *below_subtitle, *alarms]
+        said = [textwrap.wrap(subtitle, NOTE_WIDTH)]
+        said += [textwrap.wrap(text, NOTE_WIDTH, max_lines=2) for text in shape.captions]
+        labels = [MORE if k else NOTE for own in said for k in range(len(own))]
+        notes = [*(line for own in said for line in own), *alarms]
         self.columns, lines = legend_shape(list(shape.labels))
         lines_above = len(notes) + (1 if shape.titled else 0)
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * lines_above + 0.14
@@ -163,7 +164,11 @@ class Sheet:
             y -= TITLE_LINE
         for index, line in enumerate(notes):
             alarm = index >= len(notes) - len(alarms)
-            looks = {"label": TITLE, "color": style.ALARM} if alarm else {"label": NOTE, "color": style.GREY}
+            looks = (
+                {"label": TITLE, "color": style.ALARM}
+                if alarm
+                else {"label": labels[index], "color": style.GREY}
+            )
             self.notes.append(self._text(LEFT, y, total, line, **looks))
             y -= SUBTITLE_LINE
         self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - below) / total)
@@ -228,7 +233,7 @@ def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str, part: Bbox 
 
 def below_heading(figure: Figure) -> Bbox | None:
     """Hide the title of a sheet and the lines below it; return the part that is left [in], None without a heading."""
-    heading = [text for text in figure.texts if text.get_label() in (TITLE, NOTE)]
+    heading = [text for text in figure.texts if text.get_label() in (TITLE, NOTE, MORE)]
     if not heading:
         return None
     for text in heading:

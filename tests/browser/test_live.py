@@ -196,3 +196,26 @@ def test_what_running_adds_to_a_page(four_bar: Result) -> None:
     live = make_page([Shown("deploy", four_bar, live=live_parts([four_bar], [MASS, ANGLE])[0])])
     assert "wasm-unsafe-eval" in live and "wasm-unsafe-eval" not in plain and "Runner" not in plain
     assert len(live.encode()) - len(plain.encode()) < ADDED
+
+
+def test_fields_go_back_and_lines_look_as_stored(live_page: Path, opened: Opener) -> None:
+    """An emptied field leaves the value that is seen; curves have the looks of the stored plots."""
+    page = running(opened, live_page)
+    slide(page, 0, 40.0)
+    field = page.locator(".live input[type=number]").first
+    field.fill("")
+    field.dispatch_event("change")
+    page.locator(".live[data-runs='3']").wait_for()
+    assert field.input_value() == "40" and page.locator(".live .refused").inner_text() == ""
+    slide(page, 0, 30.0)
+    assert field.input_value() == "30"
+    dashes = "svg => [...svg.querySelectorAll('path[stroke-dasharray]')].map((p) => [p.getAttribute('stroke'), p.getAttribute('stroke-dasharray')])"
+    looks = []
+    for figure in (
+        page.locator(".live .plots figure").first,
+        page.locator("figure.plot", has_text="Joint angles"),
+    ):
+        figure.scroll_into_view_if_needed()
+        figure.locator("path[stroke-dasharray]").nth(2).wait_for(state="attached")
+        looks.append([x for svg in figure.locator(".chart svg").all() for x in svg.evaluate(dashes)])
+    assert len({tuple(x) for x in looks[0]}) == 3 and all(x in looks[1] for x in looks[0])

@@ -22,7 +22,7 @@ from robodyn_cli.report.canvas import below_heading
 from robodyn_cli.report.figures import shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
-from robodyn_cli.report.page.page import Shown, make_page
+from robodyn_cli.report.page.page import Shown, _plot, make_page
 from robodyn_cli.report.page.tables import (
     Html,
     Quantity,
@@ -180,9 +180,19 @@ def test_a_picture_leaves_its_heading_to_the_page() -> None:
         for artist in (*figure.axes, *figure.legends):
             inside = artist.get_tightbbox(renderer).transformed(figure.dpi_scale_trans.inverted())
             assert inside.y1 <= part.y1 + 0.02 and inside.y0 >= part.y0 - 0.02, name
-        assert not any(
-            text.get_visible() for text in figure.texts if text.get_text() in (result.title, *said)
-        )
+        heading = [text for text in figure.texts if any(text.get_text() in x for x in (result.title, *said))]
+        assert len(heading) > len(said) and not any(text.get_visible() for text in heading)
+
+
+def test_notes_of_a_figure_are_sentences_of_its_caption() -> None:
+    """Each note stands whole, whatever lines it takes in the figure; one that is the heading is not said again."""
+    result = chain_result(3)
+    said = captions(draw(result, "joint_angles"))
+    assert said == ["Joint angles", "No error is stated for this"]
+    plot = str(_plot(result, "joint_angles", Store()))
+    assert f'<p class="caption">{said[1]}</p>' in plot
+    plot = str(_plot(inverse_result(), "torques", Store()))
+    assert "on the side of the peak. No error is stated for this</p>" in plot
 
 
 def test_dashes_tell_lines_apart_as_in_the_figure() -> None:

@@ -90,6 +90,11 @@ class CRules:
         return "\n".join([structs, *self.functions])
 
 
+def double(value: float) -> str:
+    """Return a double with all its digits; that which is no number is a float in C."""
+    return "(double)NAN" if math.isnan(value) else literal(value)
+
+
 def rule_name(name: str) -> str:
     """Return what the function of a rule is called."""
     return f"rule_{identifier(name)}"
@@ -168,7 +173,7 @@ class _Rule:
 
     def _constant(self, values: Sequence[float]) -> _Place:
         table = f"{rule_name(self.name)}_{len(self.tables)}"
-        listed = ", ".join(map(literal, values)) or "0.0"
+        listed = ", ".join(map(double, values)) or "0.0"
         self.tables[table] = wrapped(
             f"static const double {table}[{max(1, len(values))}] = {{{listed}}};", ""
         )

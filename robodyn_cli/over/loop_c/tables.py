@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.kernels.c99 import comment, identifier, literal, wrapped
 from robodyn_cli.over.live.structure import COUNTS
-from robodyn_cli.over.loop_c.rules import CRules, rule_name
+from robodyn_cli.over.loop_c.rules import CRules, double, rule_name
 from robodyn_cli.over.loop_c.structure import CStructure
 
 ROW = 8  # bytes of a double
@@ -278,7 +278,7 @@ class LoopTables:
 
 def _doubles(name: str, values: Sequence[Any]) -> str:
     numbers = [float(str(x).replace("Infinity", "inf")) for x in values]
-    listed = ", ".join(map(literal, numbers)) or "0.0"
+    listed = ", ".join(map(double, numbers)) or "0.0"
     return wrapped(f"static const double {name}[{max(1, len(numbers))}] = {{{listed}}};", "")
 
 

@@ -23,8 +23,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 
-from robodyn_cli.report.canvas import NOTE
+from robodyn_cli.report.canvas import MORE, NOTE
 from robodyn_cli.report.lines import envelope
+from robodyn_cli.report.style import line_styles
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -93,8 +94,14 @@ def is_thinned(chart: dict[str, Any]) -> bool:
 
 
 def captions(figure: Figure) -> list[str]:
-    """Return the lines above the panels that say what is shown, with its figures."""
-    return [text.get_text() for text in figure.texts if text.get_label() == NOTE]
+    """Return the notes above the panels that say what is shown, with its figures."""
+    notes: list[str] = []
+    for text in figure.texts:
+        if text.get_label() == NOTE:
+            notes.append(text.get_text())
+        elif text.get_label() == MORE:
+            notes[-1] += f" {text.get_text()}"
+    return notes
 
 
 def _texts(box: Any) -> list[str]:
@@ -153,6 +160,11 @@ def _style(line: Line2D) -> dict[str, Any]:
         "marker": str(marker) if marked else None,
         "fill": to_hex(line.get_markerfacecolor()) if marked else None,
     }
+
+
+def looks(count: int) -> list[dict[str, Any]]:
+    """Return the looks of so many lines of one plot."""
+    return [_style(Line2D([], [], **look)) for look in line_styles(count)]
 
 
 class _Dashes(RendererBase):

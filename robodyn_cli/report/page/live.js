@@ -1,6 +1,5 @@
 /* A scene that runs in the page: sliders and fields for its keys; drawing, plots and figures of what they give. */
 
-const INKS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
 const PASSED = 12; // events whose times are shown
 const GROUPS = [["q", "positions", ""], ["v", "rates", "/s"]];
 
@@ -57,7 +56,7 @@ class Live {
         event.preventDefault();
         this.take(k, Math.min(key.high, Math.max(key.low, this.values[k] + steps * (key.high - key.low) / 100)));
       });
-      field.addEventListener("change", () => this.take(k, field.value === "" ? NaN : Number(field.value)));
+      field.addEventListener("change", () => this.take(k, field.value === "" ? this.values[k] : Number(field.value))); // what is no number leaves the value
       const both = named("div", "", { className: "slider" });
       both.append(slider);
       const strip = made("svg", { class: "parts", viewBox: "0 0 100 4", preserveAspectRatio: "none", role: "img", "aria-label": "" }, both);
@@ -206,20 +205,21 @@ class Live {
     figure.className = "plot";
     figure.append(named("h3", `Live: ${title}`), named("div", "", { className: "chart" }));
     this.find(".plots").append(figure);
-    const legend = this.data[group].names.map((name, k) => ({ ...this.line(k), text: name, band: false }));
+    const legend = this.data[group].names.map((name, k) => ({ ...this.line(k, this.data[group].names.length), text: name, band: false }));
     const panels = units.map((unit) => ({ title: null, label: `${title} [${unit}${group === "v" && !unit.includes("/s") ? per : ""}]`, unit, log: false, x: [0, 1], y: [0, 1], lines: [], bands: [], errors: [], notes: [] }));
     return new Chart(figure, { name: `${title} of the run in this page`, legend, panels, group }, this.player);
   }
-  line(k) { return { colour: INKS[k % INKS.length], width: 1.6, dashes: [], marker: null, fill: null, alpha: 1, spans: [false, false] }; }
+  /* The look of one of so many lines, as in the plots of the stored result. */
+  line(k, count) { return { ...this.data.looks[count][k], spans: [false, false] }; }
 
   plot() {
     for (const chart of this.charts) {
-      const { group } = chart.data, own = this.data[group];
+      const { group } = chart.data, own = this.data[group], look = (k) => this.line(k, own.names.length);
       for (const panel of chart.data.panels) {
         const members = own.names.map((_, k) => k).filter((k) => own.units[k] === panel.unit);
         panel.lines = members.flatMap((k) => [
-          ...(this.beside ? [{ ...this.line(k), dashes: [4, 3], alpha: 0.6, x: this.beside.times, y: this.beside.columns[own.places[k]] }] : []),
-          { ...this.line(k), entry: k, x: this.result.times, y: this.result.columns[own.places[k]] },
+          ...(this.beside ? [{ ...look(k), width: 0.9, alpha: 0.5, x: this.beside.times, y: this.beside.columns[own.places[k]] }] : []),
+          { ...look(k), entry: k, x: this.result.times, y: this.result.columns[own.places[k]] },
         ]);
         const values = panel.lines.flatMap((line) => Array.from(line.y)), low = Math.min(...values), high = Math.max(...values);
         const room = 0.05 * (high - low) || 0.05 * Math.abs(high) || 1;

@@ -19,7 +19,7 @@ from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes, shown_units
 from robodyn_cli.report.page import tables
-from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
+from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned, looks
 from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.registry import applicable, draw
@@ -73,9 +73,7 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
     parts: list[Any] = [
         _head(shown, alone),
         _motion(result, store) if moving else None,
-        None
-        if shown.live is None
-        else _live(place, store.run(shown.live), LIVE_GIVEN if shown.live.get("given") else LIVE),
+        None if shown.live is None else _live(place, store, shown.live, result),
         tables.main_figures(result),
         _plots(result, store, moving),
         element("h3", "Summary"),
@@ -130,8 +128,16 @@ def _motion(result: Result, store: Store) -> Html:
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 
-def _live(place: int, number_of: int, note: str) -> Html:
+def _looks(result: Result) -> dict[int, list[dict[str, Any]]]:
+    """Return the looks of lines of the stored result, by how many there are of a quantity, and of one alone."""
+    counts = {1, *(result[name].shape[1] for name in ("q", "qd", "tau") if name in result.variables)}
+    return {count: looks(count) for count in sorted(counts)}
+
+
+def _live(place: int, store: Store, live: Mapping[str, Any], result: Result) -> Html:
     """Return where the ``place``-th scene runs in the page; its script shows it, where there is WebAssembly."""
+    number_of = store.run({**live, "looks": _looks(result)})
+    note = LIVE_GIVEN if live.get("given") else LIVE
     buttons = {"again": "as in the scene", "keep": "keep this run beside others", "copy": "copy as --set"}
     content = [
         element("h3", "Other values, run in this page"),
@@ -247,10 +253,10 @@ def _plot(result: Result, name: str, store: Store) -> Html:
     return element("figure", content, class_="plot", data_figure=number_of)
 
 
-def _caption(lines: list[str], title: str) -> Html | None:
-    """Return what the figure says of itself beyond its name."""
-    text = " ".join(lines)
-    return element("p", text, class_="caption") if text and text != title else None
+def _caption(notes: list[str], title: str) -> Html | None:
+    """Return what the figure says of itself beyond its name, a sentence each."""
+    text = ". ".join(note.removesuffix(".") for note in notes if note and note != title)
+    return element("p", text, class_="caption") if text else None
 
 
 def _picture(figure: Figure, title: str) -> Html:

@@ -110,7 +110,7 @@ class Sweep {
     const { data } = this.live, key = data.keys[this.k], n = Number(this.figure.value), good = this.points.filter((point) => point.figures);
     if (!this.points.length) return;
     const figure = document.createElement("figure"), name = this.live.figureNames[n];
-    const line = { ...this.live.line(0), text: name, band: false, entry: 0 }, errors = [], lines = [];
+    const line = { ...this.live.line(0, 1), text: name, band: false, entry: 0 }, errors = [], lines = [];
     for (const run of this.stretches()) {
       const x = run.map((point) => point.x), y = run.map((point) => point.figures[n].value), off = run.map((point) => point.figures[n].error || 0);
       lines.push({ ...line, x, y, marker: run.length === 1 ? "o" : null });
