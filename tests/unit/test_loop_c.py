@@ -276,6 +276,10 @@ def test_parameters_of_torques_are_keys_and_zero_within_ranges_is_one_value(tmp_
     pages = [own.run(row) for row in rows]
     wrong, refused = disagreements(pages, run_many(family, ranges, rows))
     assert wrong == [] and refused == 1 and pages[-1]["reason"] == "special"
+    source = (tmp_path / "c" / "own_loop.c").read_text()
+    assert "(double)NAN" in source and "NAN" not in source.replace(
+        "(double)NAN", ""
+    )  # as a float it is promoted
     with pytest.raises(CapabilityError, match="parameters.unused: nothing in the simulation depends on it"):
         fmu_structure(
             family_of("double_pendulum.yaml", ["parameters={unused: 2}"]),
