@@ -34,12 +34,14 @@ def loop_lines(summary: Mapping[str, Any]) -> list[str]:
     if "held_back" in whole:
         told = ", ".join(f"{name} {number(x)}" for name, x in list(whole["held_back"].items())[:MOST_LOOPS])
         lines.append(
-            f"  torque left        {told}: the law does not hold this pose, the loop rests elsewhere"
+            f"  torque left        {told}: what the law gives less what holds this pose; it does not hold it, the loop "
+            "rests elsewhere"
         )
     if "saturated" in whole:
         cut = ", ".join(whole["saturated"][:MOST_LOOPS])
         lines.append(
-            f"  warning: the law saturates here ({cut}): the limits cut what it asks for, so it does not act"
+            f"  warning: the law saturates here ({cut}): the limits cut what it asks for, so it does not act; "
+            "the poles are those with these torques as they are"
         )
     if "restless" in whole:
         moving = ", ".join(whole["restless"][:MOST_LOOPS])

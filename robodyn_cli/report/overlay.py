@@ -68,6 +68,7 @@ OVERLAID: dict[str, tuple[str, ...]] = {
     "torques": ("tau",),
     "tip_path": ("points/",),
     "transmission_angle": ("transmission_angle",),
+    "tracking": ("control/error",),
     "energy": ("energy/kinetic", "energy/potential", "energy/total", "energy/work"),
     "multipliers": ("constraints/multipliers",),
     "reactions": ("reactions/", "loop_reactions/"),
@@ -121,7 +122,9 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     shown = name.replace("_", " ")
     if name == "joint_angles":
         shown = f"{position_word(' or '.join({units for _, units in keys}))}s"
-    subtitle = f"{shown.capitalize()} of {len(results)} results"
+    if name == "tracking":
+        shown = "errors of tracking (reference less motion)"
+    subtitle = f"{shown[:1].upper()}{shown[1:]} of {len(results)} results"
     if len(panels) < len(keys):
         subtitle += f"; the {len(panels)} of {len(keys)} quantities that differ most"
     across = 1 if len(panels) <= 3 else 2
@@ -165,6 +168,7 @@ def _failures(results: Mapping[str, Result]) -> list[str]:
 def _errors(results: Mapping[str, Result], name: str) -> list[str]:
     """Return what the first results state of the errors of a plot, a line each; bands show those that can be seen."""
     path = "energy" if name == "energy" else OVERLAID[name][0].rstrip("/")
+    path = "q" if name == "tracking" else path  # an error of tracking is no surer than the motion
     more = [f"and {len(results) - NAMED} more"] if len(results) > NAMED else []
     return [f"{label}: {error_words(result, path)}" for label, result in list(results.items())[:NAMED]] + more
 

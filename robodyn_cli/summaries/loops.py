@@ -93,7 +93,9 @@ class ClosedLoop:
         "`stable`, `unstable`, `marginal`: a mode of the loop neither decays nor grows; or `saturated`: at this pose "
         "the limits cut what the law asks for"
     )
-    poles: list[LoopPole] = fact("of plant, law and delay, of a sampled loop per sample")
+    poles: list[LoopPole] = fact(
+        "of plant, law and delay, of a sampled loop per sample; where torques are at a limit, with these as they are"
+    )
     period: float | Absent = fact("of its samples", "s")
     delay: float | Absent = fact("from a sample to its torques", "s")
     sensitivity_peak: float | None = or_infinite(

@@ -533,3 +533,25 @@ def test_the_delay_margin_under_a_hold_is_where_the_exact_model_has_a_pole_on_th
     assert all(beyond(delay + x) < 0.0 for x in steps) and beyond(delay + 1.001 * margin) > 0.0
     wanted = brentq(beyond, delay + 0.99 * margin, delay + 1.01 * margin, xtol=1e-15) - delay
     assert abs(margin - wanted) < 1e-11 and 0.0 < own["errors"]["delay_margin"] < 1e-10
+
+
+def test_poles_where_torques_are_at_their_limits_are_those_with_constant_ones() -> None:
+    """Of a pendulum by hand: its own, and that of the integral, which gives way by ki / kp; the other joint is held."""
+    own = linearise(load_scene_text(f"{PENDULUM}pid, limit: 3, gains: {{kp: 30, ki: 40, kd: 4}}}}"))
+    assert own.summary["closed_loop"]["stability"] == "saturated"
+    assert "with these torques as they are" in describe(own.summary)
+    plant = np.roots([INERTIA, 0.15, -FALLING])
+    poles = [complex(x["real"], x["imaginary"]) for x in own.summary["closed_loop"]["poles"]]
+    np.testing.assert_allclose(np.sort(np.real(poles)), np.sort([*plant.real, -40.0 / 30.0]), rtol=1e-10)
+    law = "{type: gravity, gains: {kp: 90, kd: 9}, limit: {b: 1e-3}, reference: {type: joint, duration: 0.4, q: {a: '0.3', b: '0.4', c: '0.2'}}}"
+    free, held = (
+        linearise(load_scene_text(arm(5, law), overrides=more)) for more in (["control.limit=null"], [])
+    )
+    assert held.summary["closed_loop"]["saturated"] == ["b"]
+    K = free["loop/gains"].copy()
+    K[1] = 0.0
+    A = free["linear/A"] - free["linear/B"] @ K
+    poles = [complex(x["real"], x["imaginary"]) for x in held.summary["closed_loop"]["poles"]]
+    np.testing.assert_allclose(
+        np.sort_complex(np.round(poles, 9)), np.sort_complex(np.round(np.linalg.eigvals(A), 9)), atol=1e-7
+    )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import simulate
+from robodyn_cli.report.overlay import common_plots, draw_over
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.checks.columns import column_names
@@ -89,3 +90,16 @@ def test_runs_of_versions_without_measured_signals_are_gone_on_from(tmp_path: Pa
     assert any("what the sensors gave last" in note for note in rest.summary["warnings"])
     exact = simulate(made(whole.text, f"initial.from={tmp_path}", "control.sensors=null"))
     assert "control/measured" not in exact
+
+
+def test_tracking_of_several_results_is_drawn_in_one_picture() -> None:
+    law = f"{{type: pd, period: {T}, gains: {{kp: 60, kd: 4}}, reference: {{type: joint, duration: 1, q: {{x: '0.3'}}}}"
+    results = {
+        label: simulate(cart(f"{law}{more}}}", 0.3, 31))
+        for label, more in (("exact", ""), ("noisy", ", sensors: {noise: 1e-2}"))
+    }
+    assert "tracking" in common_plots(list(results.values()))
+    figure = draw_over(results, "tracking")
+    for line, result in zip(figure.axes[0].lines, results.values()):
+        assert np.abs(np.asarray(line.get_ydata()) - result["control/error"][:, 0]).max() == 0.0
+    assert any("largest error of q" in text.get_text() for text in figure.texts)

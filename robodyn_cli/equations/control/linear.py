@@ -10,6 +10,7 @@ for rates the positions of the sample before.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from robodyn_cli.control.base import Sensors
 from robodyn_cli.equations.control.control import Control
+from robodyn_cli.equations.control.model import ControlledEquations
 from robodyn_cli.equations.control.rest import drifts, resting, situation
 from robodyn_cli.equations.linear.reduce import Linear
 from robodyn_cli.equations.linear.residuals import States, by_steps, by_symbols, evaluated
@@ -54,6 +56,22 @@ class Unlimited(Control):
         return [None] * len(self.joints)
 
 
+class AtLimits(Control):
+    """A controller some of whose torques are at a limit, where they stay whatever it asks for.
+
+    stuck : the torque at the limit, by joint.
+    """
+
+    def __init__(self, problem: ControlledEquations, stuck: Mapping[str, float]) -> None:
+        super().__init__(problem)
+        self.stuck = stuck
+
+    @cached_property
+    def limits(self) -> list[tuple[float, float] | None]:
+        """No limit but for those joints."""
+        return [(self.stuck[name], self.stuck[name]) if name in self.stuck else None for name in self.joints]
+
+
 def without_bounds(scene: Scene) -> Scene:
     """Return a scene whose controller sees all as it is, and gives what it asks for at once."""
     sensors = Sensors(rates=scene.control.sensors.rates)
@@ -73,8 +91,8 @@ def linear_law(control: Control, states: States, linear: Linear, needed: Array) 
     after: list[Any] = list(law.states)
     if control.last:
         after += list(control.measured.q)
-    outputs: dict[str, Any] = {"u": law.asked, "drift": drifts(control)}
-    for name, entries in (("u", law.asked), ("s", after)):
+    outputs: dict[str, Any] = {"asked": law.asked, "drift": drifts(control)}
+    for name, entries in (("u", law.given), ("s", after)):
         if entries:
             outputs |= {f"{name}_q": by_steps(problem, entries), f"{name}_v": by_symbols(entries, problem.v)}
             outputs[f"{name}_s"] = by_symbols(entries, symbols) if symbols else np.zeros((len(entries), 0))
@@ -97,5 +115,5 @@ def linear_law(control: Control, states: States, linear: Linear, needed: Array) 
     size = np.abs(S[:own]).sum(axis=1) + np.abs(by_s) @ np.maximum(1.0, np.abs(z[:own]))
     restless = tuple(name for name, x, most in zip(names, found["drift"], STILL * size) if not abs(x) <= most)
     return LinearLaw(
-        K, H[:, used], S[used], Z[np.ix_(used, used)], tuple(names[k] for k in used), found["u"], restless
+        K, H[:, used], S[used], Z[np.ix_(used, used)], tuple(names[k] for k in used), found["asked"], restless
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.control.lqr import reached
 from robodyn_cli.control.riccati import ROUNDED, disturbed
-from robodyn_cli.equations.control.linear import LinearLaw, Unlimited, linear_law, without_bounds
+from robodyn_cli.equations.control.linear import AtLimits, LinearLaw, Unlimited, linear_law, without_bounds
 from robodyn_cli.equations.linear.poles import poles_of
 from robodyn_cli.equations.linear.reduce import Linear, held_by, linearise_states
 from robodyn_cli.equations.linear.residuals import Residuals, States
@@ -30,11 +30,11 @@ BLIND = 1e-8  # a mode this weakly reached or shown, relative, is none of the lo
 
 @record
 class Standing:
-    """How a law holds a pose: torques by joint that it gives there less what holds it, as far as it does not; joints
-    whose limit cuts what it asks for."""
+    """How a law holds a pose: torques by joint that it gives there less what holds it, as far as it does not; the
+    torque at the limit of joints whose limit cuts what it asks for."""
 
     left: dict[str, float]
-    saturated: tuple[str, ...]
+    saturated: dict[str, float]
 
 
 @record
@@ -98,23 +98,25 @@ def loop_of(
     law = linear_law(control, states, linear, needed)
     names = [model.v_names[k] for k in places]
     standing = _standing(control, law.torques, needed, linear.dq[0][control.places])
+    if standing.saturated:
+        law = linear_law(AtLimits(problem, standing.saturated), states, linear, needed)
     return assembled_loop(control, law, linear, [*names, *(f"qd.{name}" for name in names)], standing)
 
 
 def _standing(control: Unlimited, asked: Array, needed: Array, ways: Array) -> Standing:
     """Return how torques (n,) that a law asks for hold a pose; needed (n,) : what does. ways (n, f) : motions of its
     joints by the freedoms."""
-    given, saturated = asked.copy(), []
+    given, saturated = asked.copy(), {}
     for k, most in enumerate(control.bounds):
         if most is not None and not most[0] < asked[k] < most[1]:
             given[k] = np.clip(asked[k], *most)
-            saturated.append(control.joints[k])
+            saturated[control.joints[k]] = float(given[k])
     off = given - needed
     scale = OFF * max(1.0, float(np.abs(needed).max(initial=0.0)))
     if np.abs(ways.T @ off).max(initial=0.0) <= scale * max(1.0, float(np.abs(ways).max(initial=0.0))):
-        return Standing({}, tuple(saturated))
+        return Standing({}, saturated)
     left = {name: float(x) for name, x in zip(control.joints, off) if abs(x) > scale}
-    return Standing(left, tuple(saturated))
+    return Standing(left, saturated)
 
 
 def _independent(equations: Residuals, states: States) -> list[int]:
