@@ -416,8 +416,9 @@ def test_mistakes(change: list[str], options: dict[str, Any], words: str) -> Non
 
 def test_what_has_no_linear_model() -> None:
     sticking = ["robot.joints.0.friction={coulomb: 1, law: set_valued}"]
-    with pytest.raises(CapabilityError, match="'theta1' has friction that sticks, and is at rest"):
+    with pytest.raises(CapabilityError, match="'theta1' has friction that sticks, and is at rest") as raised:
         linearise(load_scene(PENDULUM, sticking))
+    assert raised.value.details["joint"] == "theta1"  # the error stands at it
     sliding = load_scene(PENDULUM, [*sticking, "initial.qd.theta1=1"])
     assert linearise(sliding).summary["freedoms"] == 2
     with pytest.raises(CapabilityError, match="losses of gears depend on the direction of power"):

@@ -57,6 +57,7 @@ def test_loop_pictures_of_one_joint(law: str) -> None:
             (low < found[:, 0]) & (found[:, 0] < high) & (bottom < found[:, 1]) & (found[:, 1] < top)
         )
 
+    assert "of the plant alone" in texts(draw(result, "frequency_response"))
     figure = draw(result, "singular_loop")
     above, below = figure.axes
     assert "smallest" not in texts(figure) and "largest" not in texts(figure)

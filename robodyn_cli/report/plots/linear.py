@@ -153,7 +153,8 @@ def frequency_response(result: Result) -> Any:
     every = found[:, 0].size
     more = "" if len(curves) == every else f"; {len(curves)} of {every} drawn"
     labels = [_label(result, curve) for curve in curves]
-    text = f"Frequency response of the linear model{more}"
+    alone = " of the plant alone" if "loop/poles_real" in result else ""  # the loop has pictures of its own
+    text = f"Frequency response{alone or ' of the linear model'}{more}"
     sheet = Sheet(result, text, panels=2, height=2.3, labels=labels)
     gain, phase = sheet.axes
     hertz = result["linear/frequency"] / (2.0 * np.pi)

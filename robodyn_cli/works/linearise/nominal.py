@@ -317,7 +317,8 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
         if len(signs) > 1 or 0.0 in signs:
             raise CapabilityError(
                 f"joint {joint.name!r} has friction that sticks, and is at rest or turns round: there it has no linear "
-                "model; allowed: states in which it slides one way, or friction with 'law: smooth'"
+                "model; allowed: states in which it slides one way, or friction with 'law: smooth'",
+                joint=joint.name,
             )
         parameters[joint.place + FIELDS.index("direction")] = signs.pop()
     return parameters
