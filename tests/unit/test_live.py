@@ -129,6 +129,7 @@ CASES: dict[str, tuple[str, Sequence[str], Ranges, int]] = {
                         "trajectory={type: joint, duration: 3, q: {theta1: -1, theta2: 0.5*cos(t)}}"), MASSES, 0),
     "sampled controller": ("controlled_arm.yaml", (), {"robot.links.link1.mass": (8.0, 17.0), "control.gains.kp": (300.0, 500.0)}, 0),
     "reference that ends": ("controlled_arm.yaml", ("control={type: pid, gains: {kp: 900, kd: 60, ki: 90}}",), {"control.gains.kp": (700.0, 1000.0)}, 0),
+    "prescribed": ("double_pendulum.yaml", ("initial={q: {theta2: 0.4}}", "simulate.duration=1", "prescribed={theta1: 'if(t<0.4, -0.3*t, -0.12 - 0.3*sin(t - 0.4))'}"), {"robot.links.link2.mass": (9.0, 15.0)}, 0),
     "body in space": ("tumbling_body.yaml", ("simulate.duration=4",), {"robot.links.handle.inertia.yy": (0.0045, 0.0055)}, 0),
 }  # fmt: skip
 
@@ -268,6 +269,7 @@ REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "noise": ("controlled_arm.yaml", ("control.sensors.noise=1e-4",), {}, "sensors are noisy"),
     "times": ("controlled_arm.yaml", (), {"control.period": (0.001, 0.004)}, "a controller samples at other times"),
     "designed gains": ("cart_pole_lqr.yaml", (), {"robot.links.rod.mass": (0.05, 0.5)}, "its controller follows from the keys by computations"),
+    "keys of given motions": ("double_pendulum.yaml", ("initial={q: {theta2: 0.4}}", "parameters={rate: 0.3}", "prescribed={theta1: rate*t}"), {"parameters.rate": (0.1, 0.5)}, "a motion is prescribed, and keys have a part in it"),
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
     "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),

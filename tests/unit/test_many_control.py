@@ -57,6 +57,26 @@ def test_every_figure_is_that_of_the_command(control: str, keys: tuple[str, ...]
     assert {"final", "error_estimate"} <= {key.partition(".")[0] for key in told}
 
 
+LED = 'prescribed={theta1: "if(t<0.2, -1 + 0.3*sin(3*t), 0.9*cos(0.6)*(t-0.2) - 1 + 0.3*sin(0.6))"}'
+
+
+def test_a_prescribed_motion_is_that_of_the_command() -> None:
+    """It bends at 0.2 s; a key in its own numbers is left to the command."""
+    family = Family(PENDULUM, (*FREE[:-1], "initial={q: {theta2: 0.4}}", LED))
+    told = compare_all(Task(family, "simulate", MASS, ()), 3)
+    assert "error_estimate" in {key.partition(".")[0] for key in told}
+    family = Family(
+        PENDULUM,
+        (
+            *FREE[:-1],
+            "initial={q: {theta2: 0.4}}",
+            "parameters={rate: 0.3}",
+            "prescribed={theta1: rate*t - 1}",
+        ),
+    )
+    compare_all(Task(family, "simulate", ("parameters.rate",), ()), 2, made=0)
+
+
 def test_a_regulator_whose_gains_follow_from_the_numbers() -> None:
     """Each run has gains of its own, which are found from its masses."""
     changes = ("expect={}", "control.period=null", "simulate={duration: 0.5, samples: 26}")

@@ -101,6 +101,10 @@ class LiveStructure(LiveScene):
         """Return what closes the loops at the start for other values; None where they stay as they are."""
         starts = [key.key.place.partition(".")[::2] for key in self.keys if key.key.sort == START]
         closing = closing_of(self.motion, self.batch.numbers, starts)
+        if closing is not None and self.motion.problem.constraints.rheonomic:
+            raise CapabilityError(
+                f"this scene cannot {self.where}: a motion is prescribed, and keys have a part in it or in the loops"
+            )
         if closing is not None and len(closing.missing) == closing.nv:
             raise CapabilityError(
                 f"this scene cannot {self.where}: no coordinate is given where its loops are closed"

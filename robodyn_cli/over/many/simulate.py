@@ -286,6 +286,7 @@ class Deploy(MotionCommand):
         options = motion.scene.deploy
         reasons = {
             "a controller acts": motion.problem.control is not None,
+            "a motion is prescribed": bool(motion.problem.constraints.rheonomic),
             "multipliers are judged on samples": options.criterion != "dead_point",
             "the motion goes on as the locked structure": options.after == "continue",
             "loads are judged on samples": bool(options.loads),

@@ -97,6 +97,8 @@ def starts_of(
         same_q, same_v = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
         return Starts(same_q, same_v, np.ones(count, dtype=bool))
     starts = Starts(*closing.close(rows["q"], rows["qd"]))
+    if problem.constraints.rheonomic:  # rates that agree with a prescribed motion are the command's to find
+        starts.sound[:] = False
     if q is None and qd is None:
         # a run that is the structure's own starts where that does, to the bit
         alike = (values == structure.row).all(axis=1)

@@ -152,7 +152,7 @@ class Structure(Built):
 
 def times_vary(keys: Sequence[Key]) -> bool:
     """Tell whether functions of time may switch at other times, or over another duration, in other runs."""
-    sections = ("parameters.", "torques.", "forces.", "control.", "trajectory.")
+    sections = ("parameters.", "torques.", "forces.", "control.", "trajectory.", "prescribed.")
     return any(
         key.sort == OPTION
         or (key.sort == NUMBER and key.place.startswith(sections) and not key.place.startswith(TIMELESS))
@@ -203,7 +203,8 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         ),
         "fixed steps end at times that formulas or tables give": bool(system.breakpoints)
         and motion.options.step is not None,
-        "a motion is prescribed": bool(constraints.rheonomic),
+        "a prescribed motion starts otherwise": bool(constraints.rheonomic)
+        and any(key.sort == START for key in keys),
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,
         "the run goes on from a stored one": motion.scene.initial.source is not None,
