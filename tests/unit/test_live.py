@@ -269,7 +269,7 @@ REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "noise": ("controlled_arm.yaml", ("control.sensors.noise=1e-4",), {}, "sensors are noisy"),
     "times": ("controlled_arm.yaml", (), {"control.period": (0.001, 0.004)}, "a controller samples at other times"),
     "designed gains": ("cart_pole_lqr.yaml", (), {"robot.links.rod.mass": (0.05, 0.5)}, "its controller follows from the keys by computations"),
-    "keys of given motions": ("double_pendulum.yaml", ("initial={q: {theta2: 0.4}}", "parameters={rate: 0.3}", "prescribed={theta1: rate*t}"), {"parameters.rate": (0.1, 0.5)}, "a motion is prescribed, and keys have a part in it"),
+    "keys of given motions": ("double_pendulum.yaml", ("initial={q: {theta2: 0.4}}", "parameters={rate: 0.3}", "prescribed={theta1: rate*t}"), {"parameters.rate": (0.1, 0.5)}, "which may be others with parameters.rate"),
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
     "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),
