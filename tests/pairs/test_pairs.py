@@ -168,6 +168,16 @@ FOUND: dict[str, tuple[str, Case]] = {
 }
 
 
+def test_a_controller_without_joints_is_refused_with_its_outputs(tmp_path: Path) -> None:
+    """The columns of a scene were asked for after its controller had been refused, and had no joints to tell."""
+    case = {
+        "control": "feed_forward", "force": "wrench", "form": "independent", "loop": "universal", "output": "design",
+        "prescribed": "formula", "payload": "caught",
+    }  # fmt: skip
+    found = built(scene(case), "simulate", tmp_path / "scene")
+    assert not found, found
+
+
 @pytest.mark.parametrize("name", FOUND)
 def test_what_went_wrong_runs(name: str, tmp_path: Path) -> None:
     command, case = FOUND[name]

@@ -127,7 +127,8 @@ def _controlled(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return (), ()
     point = None if scene.control.reference is None else scene.control.reference.point
     led = () if point is None else tuple(f"{point}.{axis}" for axis in "xyz")
-    return (*columns(scene.robot), *led), tuple(scene.control.joints)
+    # there are none where a check before this one has refused them
+    return (*columns(scene.robot), *led), tuple(scene.control.joints or ())
 
 
 def _seen(scene: Scene, q: Mapping[str, str], rates: Mapping[str, str]) -> dict[str, Mapping[str, str]]:
