@@ -14,8 +14,8 @@ ROOT = Path(__file__).parent
 PAGE = ROOT / "README.md"
 # a link or a picture of the README whose target lies in the repository: "[text](docs/cli.md)", "![text](docs/x.png)"
 RELATIVE = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!https?:|#)([^)\s]+)\)")
-# what is left of a table of pictures without them
-EMPTY_TABLE = re.compile(r"^\|[ |]*\|\n\|[-|]*\|\n(?:\|[ |]*\|\n)*", re.MULTILINE)
+# what is left of a table of pictures, or of a row of them, without them
+EMPTY_TABLE = re.compile(r"^\|[ |]*\|\n(?:\|[-|]*\|\n(?:\|[ |]*\|\n)*)?", re.MULTILINE)
 
 
 def repository() -> str:

@@ -17,7 +17,6 @@ def add_commands(site: Site, out: Path, shots: list[Shot]) -> None:
     """Add to the page of each command; ``shots`` have been run."""
     for command in COMMANDS:
         page = site.pages[f"commands/{command}.md"]
-        page.text = page.text.replace(f"# {command}\n", f"# robodyn {command}\n", 1)
         page.below = head(command, out, shots)
         page.after = foot(site, command)
 

@@ -158,7 +158,7 @@ def commands_of(site: Site, title: str, text: str) -> list[str]:
     paths = []
     for command in re.split(r", | and ", title.removeprefix(OPTIONS)):
         paths.append(f"commands/{command}.md")
-        site.add(paths[-1], f"# {command}\n\n## Options\n\n{promoted(text, 1)}", name)
+        site.add(paths[-1], f"# robodyn {command}\n\n## Options\n\n{promoted(text, 1)}", name)
         site.homes.setdefault((name, slug(title)), (paths[-1], "options"))
     return paths
 

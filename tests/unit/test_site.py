@@ -61,6 +61,14 @@ def test_links_lead_somewhere() -> None:
     assert links.broken == []
 
 
+def test_headings_are_where_links_look_for_them() -> None:
+    for (name, _), (path, anchor) in site().homes.items():
+        assert not anchor or anchor in {slug(h) for _, h in headings(site().pages[path].text)}, (
+            f"{name}: {path}#{anchor}"
+        )
+    assert site().homes["docs/cli.md", "statics"] == ("summaries/statics.md", "statics")
+
+
 @pytest.mark.parametrize("name", [name for name in sources() if name.endswith(".md")])
 def test_anchors_are_clear(name: str) -> None:
     """Of two headings of one name, links reach the first alone."""
