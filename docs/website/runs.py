@@ -18,6 +18,7 @@ import yaml
 from PIL import Image
 
 from robodyn_cli.commands import COMMANDS
+from robodyn_cli.errors import REPLACING
 from website.pages import ROOT
 
 CONFIGS = ROOT / "configs"
@@ -136,15 +137,16 @@ def run(shot: Shot, out: Path) -> str:
     words = [sys.executable, "-m", "robodyn", *shlex.split(shot.words), "--out", f"runs/{shot.name}"]
     found = subprocess.run(words, cwd=out, capture_output=True, text=True, timeout=LONGEST)
     print(f"{time.monotonic() - begin:6.1f} s  robodyn {shot.words}", flush=True)
-    if found.returncode not in (0, 1):  # 1: no lock, undersized: an answer
+    if found.returncode not in REPLACING:  # a singular pose is an answer too
         return f"robodyn {shot.words}: exit code {found.returncode}\n{found.stderr}"
     folder.mkdir(parents=True, exist_ok=True)
     for picture in folder.glob("*.png"):
         Image.open(picture).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(
             picture, optimize=True
         )
-    text = "".join(
-        line for line in found.stdout.splitlines(True) if not line.startswith(("  cost ", "results: "))
-    )
+    said = found.stdout.splitlines(True)
+    if found.returncode:
+        said += [line for line in found.stderr.splitlines(True) if line.startswith("robodyn: error")]
+    text = "".join(line for line in said if not line.startswith(("  cost ", "results")))
     (folder / "printed.txt").write_text(text, encoding="utf-8")
     return ""
