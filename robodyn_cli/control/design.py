@@ -47,7 +47,7 @@ class ControlDesign:
     gains : (rows, columns): what rows give for each unit by which columns are off. poles : (n,) complex, of the loop
     that the controller is made for, in 1/s, or of a sampled one per sample; errors are distances in the complex plane.
     riccati : P (columns, columns), with x^T P x the least cost from x. at : position of each coordinate, holding :
-    torque of each row, there where the gains belong to a pose.
+    torque of each row, there where the gains belong to a pose; and the errors of these.
     """
 
     rows: tuple[Named, ...]
@@ -57,6 +57,8 @@ class ControlDesign:
     riccati: WithErrors | None = None
     at: tuple[tuple[Named, float], ...] = ()
     holding: tuple[float, ...] = ()
+    at_errors: tuple[float, ...] = ()
+    holding_errors: tuple[float, ...] = ()
 
 
 def columns_of(of: Leading, integrals: bool = False) -> tuple[Named, ...]:

@@ -10,6 +10,9 @@ import numpy as np
 from robodyn_cli.control.design import ControlDesign, Leading, Named, WithErrors, columns_of
 from robodyn_cli.control.lqr import Lqr, Regulator
 from robodyn_cli.control.riccati import (
+    ROUNDED,
+    SAFETY,
+    TRIALS,
     BestRegulator,
     Cost,
     disturbed,
@@ -111,7 +114,7 @@ def with_regulator(scene: Scene) -> Scene:
     linear = linearise_states(equations, states, driven, places)
     names = tuple(model.v_names[k] for k in places)
     best, errors = _regulated(scene, linear, model.v_names)
-    holding = tuple(states.tau[0][list(driven)].tolist())
+    holding, off = tuple(states.tau[0][list(driven)].tolist()), _pose_errors(problem, pose)
     regulator = Regulator(
         names,
         tuple(map(tuple, best.K.tolist())),
@@ -127,6 +130,8 @@ def with_regulator(scene: Scene) -> Scene:
         WithErrors(best.P, errors.P),
         tuple((Named(*named), float(x)) for *named, x in zip(model.q_names, model.q_units, pose)),
         holding,
+        tuple(off.tolist()),
+        tuple(_holding_errors(equations, states, driven, places, off).tolist()),
     )
     whole = dict(zip(model.q_names, pose.tolist()))
     own = dataclasses.replace(controller, regulator=regulator, pose=whole, design=found)
@@ -147,6 +152,35 @@ def _pose(scene: Scene, problem: Problem) -> Array:
             scene, f"the pose of 'lqr' lacks joint {lacking[0]!r}, which 'initial.q' does not give either"
         )
     return np.array([float(given[name]) for name in names])
+
+
+def _pose_errors(problem: Problem, pose: Array) -> Array:
+    """Return how far the positions (nq,) of a pose may be off: as far as its loops are open, and by rounding."""
+    rows = problem.constraints.loop_rows
+    if not rows:
+        return np.zeros(len(pose))
+    eta, psi = problem.numbers([row.eta for row in rows], pose), problem.numbers(problem.psi, pose)
+    psi = psi[: len(rows)]
+    rounded = ROUNDED * max(1.0, float(np.abs(pose).max()))
+    moved = np.abs(np.linalg.pinv(psi, rcond=RANK)) @ (np.abs(eta) + rounded)
+    by_name, most = dict(zip(problem.model.v_names, moved.tolist())), float(moved.max())
+    # parts of attitudes are off by no more than the worst
+    return np.array([by_name.get(name, most) for name in problem.model.q_names])
+
+
+def _holding_errors(
+    equations: Residuals, states: States, driven: tuple[int, ...], places: tuple[int, ...], off: Array
+) -> Array:
+    """Return how far torques (n,) that hold a pose may be off: by what positions are, off (nq,), and by rounding."""
+    random, own = np.random.default_rng(2), states.tau[0][list(driven)]
+    q, worst = states.q[0], np.zeros(len(driven))
+    for _ in range(TRIALS):
+        apart = q + random.choice([-1.0, 1.0], len(q)) * (off + ROUNDED * np.abs(q))
+        near, _ = held_by(equations, States.one(apart, states.v[0]), driven, places)
+        worst = np.maximum(worst, np.abs(near.tau[0][list(driven)] - own))
+    load = np.abs(equations.values(states)["load"][0]).max(initial=0.0)
+    errors: Array = SAFETY * worst + ROUNDED * max(float(load), float(np.abs(own).max(initial=0.0)))
+    return errors
 
 
 def _forces(problem: Problem, controller: Lqr) -> Vector:

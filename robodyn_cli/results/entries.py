@@ -58,8 +58,14 @@ CONTROL = (
     ),
     Entry("control/poles_imaginary", ("control_pole",), "1/s or 1", "imaginary parts of these poles"),
     Entry("control/poles_error", ("control_pole",), "1/s or 1", "how far rounding may move these poles"),
-    Entry("control/equilibrium", ("position",), "rad or m", "the pose about which a regulator is made"),
-    Entry("control/holding_torques", ("gain_row",), "N m or N", "torques of the driven joints that hold that pose"),
+    *(
+        Entry(f"control/{name}{error}", dims, units, f"{'errors of ' * bool(error)}{meaning}")
+        for name, dims, units, meaning in (
+            ("equilibrium", ("position",), "rad or m", "the pose about which a regulator is made"),
+            ("holding_torques", ("gain_row",), "N m or N", "torques of the driven joints that hold that pose"),
+        )
+        for error in ("", "_error")
+    ),
 )  # fmt: skip
 FEED_FORWARD = (
     Entry("feed_forward/time", ("feed_forward_sample",), "s", "multiples of `inverse.period`"),

@@ -140,6 +140,8 @@ BESIDE = {
     "loop/poles_real": "loop/poles_error",
     "loop/poles_imaginary": "loop/poles_error",
     "control/riccati": "control/riccati_error",
+    "control/equilibrium": "control/equilibrium_error",
+    "control/holding_torques": "control/holding_torques_error",
     "control/poles_real": "control/poles_error",
     "control/poles_imaginary": "control/poles_error",
 }

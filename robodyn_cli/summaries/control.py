@@ -62,11 +62,26 @@ class LoopPole:
 
 
 @record
+class EquilibriumErrors:
+    """Errors of the pose about which a regulator is made."""
+
+    q: dict[str, float] = fact("of the positions: 0 where they are given, else of closing the loops", OWN)
+    torques: dict[str, float] = fact("of the torques: of rounding, and of the positions", LOAD)
+
+
+@record
 class Equilibrium:
     """The pose about which a regulator is made."""
 
-    q: dict[str, float] = fact("position of each coordinate", OWN)
-    torques: dict[str, float] = fact("of the driven joints, which hold it there", LOAD)
+    q: dict[str, float] = fact(
+        "position of each coordinate", OWN, errors=("control.equilibrium.errors.q.JOINT",)
+    )
+    torques: dict[str, float] = fact(
+        "of the driven joints, which hold it there",
+        LOAD,
+        errors=("control.equilibrium.errors.torques.JOINT",),
+    )
+    errors: EquilibriumErrors = fact("errors of these")
 
 
 @record

@@ -232,3 +232,44 @@ def test_a_table_for_a_controller_is_the_inverse_at_its_multiples() -> None:
             np.testing.assert_allclose(tabled[f"feed_forward/{name}"], again[name][at], rtol=1e-9, atol=1e-9)
     with pytest.raises(CapabilityError, match="inverse.period"):
         inverse(load_scene_text(f"{of}, period: 1e-9}}", path))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_equilibrium_of_a_regulator_has_errors_that_cover(seed: int) -> None:
+    """Of a pendulum by hand."""
+    random = np.random.default_rng(seed)
+    mass, length, angle = random.uniform(0.3, 3.0, 3).round(4).tolist()
+    text = (
+        "schema: 1\ngravity: [0, -9.81, 0]\nrobot: {joints: [{name: a, type: revolute, axis: [0, 0, 1]}], links: "
+        f"[{{name: rod, mass: {mass}, com: [{length}, 0, 0], inertia: {{zz: 0.3}}}}]}}\n"
+        f"initial: {{q: {{a: {angle}}}}}\ncontrol: {{type: lqr}}\nsimulate: {{duration: 0.01, samples: 2}}\n"
+    )
+    own = simulate(load_scene_text(text)).summary["control"]["equilibrium"]
+    off = own["errors"]["torques"]["a"]
+    assert abs(own["torques"]["a"] - mass * 9.81 * length * math.cos(angle)) <= off < 1e-11
+    assert own["errors"]["q"] == {"a": 0.0}
+
+
+def test_a_pose_of_loops_is_known_as_far_as_they_close() -> None:
+    """A parallelogram, closed from two guesses: its angles are those of the crank."""
+    bars = "{mass: 1, com: [0.2, 0.01, 0], inertia: {zz: 0.02}}"
+    own = []
+    for guess in (0.61, 0.75):
+        text = (
+            "schema: 1\ngravity: [0, -9.81, 0]\nrobot:\n  joints:\n"
+            "    - {name: a, type: revolute, axis: [0, 0, 1]}\n"
+            "    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.4, 0, 0]}}\n"
+            "    - {name: c, type: revolute, axis: [0, 0, 1], parent: base, origin: {xyz: [0.5, 0, 0]}}\n  links:\n"
+            + "".join(f"    - {{name: {x}, {bars[1:]}\n" for x in ("crank", "coupler", "rocker"))
+            + "  points: {pin1: {link: coupler, at: [0.5, 0, 0]}, pin2: {link: rocker, at: [0.4, 0, 0]}}\n"
+            "loops: [{name: pin, type: revolute, between: [pin1, pin2]}]\n"
+            f"initial: {{q: {{a: 0.7, b: -{guess}, c: {guess}}}, hold: [a]}}\n"
+            "control: {type: lqr, joints: [a], pose: {a: 0.7}}\nsimulate: {duration: 0.01, samples: 2}\n"
+        )
+        own.append(simulate(load_scene_text(text)).summary["control"]["equilibrium"])
+    for one in own:
+        for name, true in (("a", 0.7), ("b", -0.7), ("c", 0.7)):
+            assert abs(one["q"][name] - true) <= one["errors"]["q"][name] + 1e-16 < 1e-9
+    one, other = own
+    apart = abs(one["torques"]["a"] - other["torques"]["a"])
+    assert apart <= one["errors"]["torques"]["a"] + other["errors"]["torques"]["a"] < 1e-9

@@ -32,7 +32,9 @@ def add_design(result: Result, control: Control) -> None:
     if own.at:
         names = [name for name, _ in own.at]
         result.add("control/equilibrium", [x for _, x in own.at], **_columns(names))
+        result.add("control/equilibrium_error", own.at_errors, **_columns(names))
         result.add("control/holding_torques", own.holding, **_columns(own.rows))
+        result.add("control/holding_torques_error", own.holding_errors, **_columns(own.rows))
 
 
 def _columns(named: Any) -> dict[str, Any]:

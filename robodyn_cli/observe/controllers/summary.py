@@ -27,6 +27,7 @@ from robodyn_cli.summaries.control import (
     ControlSummary,
     DrivenWork,
     Equilibrium,
+    EquilibriumErrors,
     LoopPole,
     Tracking,
     TrackingErrors,
@@ -182,7 +183,11 @@ def with_design(keys: ControlKeys, control: Control) -> ControlKeys:
         ]
     if own.at:
         torques = dict(zip((row.name for row in rows), own.holding))
-        told["equilibrium"] = Equilibrium({name.name: x for name, x in own.at}, torques)
+        positions = [name.name for name, _ in own.at]
+        errors = EquilibriumErrors(
+            dict(zip(positions, own.at_errors)), dict(zip(torques, own.holding_errors))
+        )
+        told["equilibrium"] = Equilibrium({name.name: x for name, x in own.at}, torques, errors)
     return ControlKeys(dataclasses.replace(keys.control, **told))
 
 
