@@ -27,8 +27,8 @@ ITERATIONS = 12
 HALVINGS = 40
 
 
-class SampledConditions(Protocol):
-    """Conditions at samples side by side: of one motion, or of many runs.
+class Sizes(Protocol):
+    """How large conditions and coordinates are.
 
     same : relative residual below which they agree. singular : ratio of singular values of J below which they do not
     determine the motion.
@@ -39,6 +39,10 @@ class SampledConditions(Protocol):
     manifold: Manifold
     same: float
     singular: float
+
+
+class SampledConditions(Sizes, Protocol):
+    """Conditions at samples side by side: of one motion, or of many runs."""
 
     def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
         """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
@@ -98,37 +102,50 @@ def same_branch(before: Array, after: Array) -> NDArray[np.bool_]:
 
     Where branches meet, a singular value passes zero, which changes the sign of det (J_0^T J).
     """
-    sign: Array = np.asarray(np.linalg.slogdet(np.swapaxes(before, 1, 2) @ after)[0])
+    sign: Array = np.linalg.slogdet(np.swapaxes(before, 1, 2) @ after)[0]
     return sign > 0.0
+
+
+def newton_moves(conditions: Sizes, q: Array, F: Array, J: Array) -> Array:
+    """Return the step (T, nq) of Newton's method from positions q with F (T, m) and J (T, m, nv)."""
+    lengths, moves = conditions.lengths, np.zeros_like(q)
+    scaled = np.where(np.isfinite(J), J, 0.0) * lengths / conditions.sizes[:, None]
+    steps = least_steps(scaled, -F / conditions.sizes)
+    finite = np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0)
+    moves[:, conditions.manifold.position] = finite * lengths
+    return moves
+
+
+def regular_places(conditions: Sizes, F: Array, J: Array) -> tuple[Any, Array]:
+    """Return where conditions with F (T, m) and J (T, m, nv) hold and determine the motion (T,), and J scaled."""
+    regular: Any = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1)
+    J = np.where(regular[:, None, None], J, 0.0)
+    regular = regular & (np.abs(F / conditions.sizes).max(axis=1, initial=0.0) < conditions.same)
+    scaled = J * conditions.lengths / conditions.sizes[:, None]
+    sigma = np.linalg.svd(scaled, compute_uv=False)
+    regular = regular & (sigma[:, -1] > conditions.singular * sigma[:, 0])
+    return regular & (sigma.shape[1] == J.shape[2]), scaled
 
 
 @np.errstate(all="ignore")
 def solve_together(conditions: SampledConditions, guess: Array, samples: slice) -> Places:
     """Return the places at samples near a guess (T, nq), by Newton's method on all of them at once."""
-    position, lengths, sizes = conditions.manifold.position, conditions.lengths, conditions.sizes
     rounds = 0
 
     def step(q: Array) -> Array:
         nonlocal rounds
         F, J = conditions.at_samples(q, samples)
         rounds += 1
-        moves = np.zeros_like(q)
-        scaled = np.where(np.isfinite(J), J, 0.0) * lengths / sizes[:, None]
-        steps = least_steps(scaled, -F / sizes)
-        moves[:, position] = np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0) * lengths
-        return moves
+        return newton_moves(conditions, q, F, J)
 
     q = together(guess, step)
     F, J = conditions.at_samples(q, samples)
-    regular = np.array(np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1), dtype=bool)
-    J = np.where(regular[:, None, None], J, 0.0)
-    regular &= np.abs(F / sizes).max(axis=1, initial=0.0) < conditions.same
-    scaled = J * lengths / sizes[:, None]
-    sigma = np.linalg.svd(scaled, compute_uv=False)
-    regular &= (sigma[:, -1] > conditions.singular * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
+    regular, scaled = regular_places(conditions, F, J)
+    known: Any = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1)
+    J = np.where(known[:, None, None], J, 0.0)
     v = least_steps(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
     a = least_steps(J, conditions.rates_at_samples(q, v, samples)[1])
-    moved = (np.abs(q - guess)[:, position] / lengths).max(axis=1, initial=0.0)
+    moved = (np.abs(q - guess)[:, conditions.manifold.position] / conditions.lengths).max(axis=1, initial=0.0)
     return Places(q, v, a, scaled, regular, moved, rounds)
 
 

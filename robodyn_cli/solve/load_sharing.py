@@ -180,11 +180,16 @@ class Hold:
 def borne(psi: Array, actuated: Sequence[int], load: Array) -> Array:
     """Return the torques (T, n) of actuators that bear a load u (T, nv) with the loops, of which there are just as many
     as it takes: B tau + Psi^T lambda = u, where (B, Psi^T) has an inverse."""
-    nv = load.shape[1]
-    B = np.broadcast_to(np.eye(nv)[:, list(actuated)], (len(load), nv, len(actuated)))
-    both = np.concatenate([B, np.swapaxes(psi, 1, 2)], axis=2)
-    found: Array = np.linalg.solve(both, load[:, :, None])[:, : len(actuated), 0]
+    found: Array = np.linalg.solve(shared_rows(psi, actuated), load[:, :, None])[:, : len(actuated), 0]
     return found
+
+
+def shared_rows(psi: Array, actuated: Sequence[int]) -> Array:
+    """Return (B, Psi^T) (T, nv, n + m)."""
+    count, _, nv = psi.shape
+    B = np.broadcast_to(np.eye(nv)[:, list(actuated)], (count, nv, len(actuated)))
+    both: Array = np.concatenate([B, np.swapaxes(psi, 1, 2)], axis=2)
+    return both
 
 
 def borne_least(psi: Array, actuated: Sequence[int], load: Array, tolerance: float = RANK) -> Array:

@@ -14,6 +14,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.works.deploy.deploy import deploy
 from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.kinematics import kinematics
 from robodyn_cli.works.simulate import simulate
 from tests.browser.conftest import Opener
 from tests.mechanisms import CONFIGS
@@ -132,6 +133,26 @@ def test_torques_along_a_motion(tmp_path: Path, opened: Opener) -> None:
     assert titles == ["Live: torques", "Live: positions", "Live: rates"]
     page.locator(".live .sweep summary").click()
     page.locator(".live .sweep[data-points='49']").wait_for()
+
+
+def test_a_loop_closes_for_other_lengths(tmp_path: Path, opened: Opener) -> None:
+    """The drawing moves with them; where the crank no longer turns round, the values are left to the command."""
+    scene = CONFIGS / "mechanisms" / "four_bar_kinematics.yaml"
+    result, target = kinematics(load_scene(scene)), tmp_path / "loop.html"
+    write_page(
+        [Shown("kinematics", result, live=live_parts([result], [("robot.joints.crank.a", "0.2", "0.9")])[0])],
+        target,
+    )
+    page = running(opened, target)
+    told = "largest transmission angle"
+    assert number_of(figures(page)[told]) == pytest.approx(82.284211, abs=1e-5)
+    slide(page, 0, 0.5)
+    other = kinematics(load_scene(scene, ["robot.joints.crank.a=0.5"])).summary["transmission_angle"]
+    assert number_of(figures(page)[told]) == pytest.approx(other["largest_deg"], abs=1e-5)
+    assert page.locator(".live .refused").inner_text() == ""
+    slide(page, 0, 0.85)
+    assert "the loops do not close along the whole motion" in page.locator(".live .refused").inner_text()
+    page.locator(".live .parts.some").wait_for()
 
 
 def test_a_phone_in_the_dark_by_keys_alone(live_page: Path, opened: Opener) -> None:

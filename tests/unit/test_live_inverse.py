@@ -1,21 +1,26 @@
-"""Inverse dynamics that runs in a page, under node: its figures beside those of the program, and what is refused."""
+"""Inverse dynamics and kinematics that run in a page, under node: their figures beside those of the program."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.live.figures import figures_rule, rounding_rule
 from robodyn_cli.over.live.given import LiveInverse
+from robodyn_cli.over.live.moving import LiveKinematics
 from robodyn_cli.over.live.rules import plain
+from robodyn_cli.over.many.keys import settings, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import Family
 from robodyn_cli.solve.load_sharing import Hold, borne, borne_least
 from robodyn_cli.torques.checks import FIGURES, Loaded, torque_rounding
+from robodyn_cli.works.kinematics import kinematics
 from tests.live import Ranges, in_node, random_rows, run_live
 from tests.mechanisms import CONFIGS
 from tests.node import needs_node
@@ -66,13 +71,27 @@ def test_figures_of_a_page_are_those_of_python(tmp_path: Path) -> None:
 
 
 @needs_node
-def test_a_jump_that_nobody_stated_is_told(tmp_path: Path) -> None:
-    times = np.linspace(0.0, 3.0, 101)
-    smooth = waves(times, 2)
-    rule, _ = figures_rule(times, smooth, smooth, ())
-    jumping = smooth + np.where(times[:, None] > 1.234, [0.0, 1.0], 0.0)
-    cases = [{"rule": rule, "tau": plain(x.ravel()), "qd": plain(smooth.ravel())} for x in (smooth, jumping)]
-    assert [float(case["good"][0]) for case in in_node(cases, JUDGE, tmp_path)] == [1.0, 0.0]
+def test_jumps_that_nobody_stated_are_within_the_errors(tmp_path: Path) -> None:
+    """Neither their place nor their size is known; columns without one keep their errors."""
+    times, fine = np.linspace(0.0, 3.0, 101), np.linspace(0.0, 3.0, 30_001)
+    size, at = RNG.normal(size=20), RNG.uniform(0.1, 2.9, 20)
+    grow, begin = RNG.uniform(0.5, 3.0, 20), RNG.uniform(0.0, 6.0, 20)
+
+    def function(t: np.ndarray) -> np.ndarray:
+        beyond = t[:, None] > at
+        jump = np.where(np.arange(20) < 10, beyond * size, beyond * (t[:, None] - at) * size)
+        return np.asarray(np.sin(grow * t[:, None] + begin) + jump)
+
+    tau, still = function(times), np.ones((101, 20))
+    rule, _ = figures_rule(times, waves(times, 20), still, ())
+    (found,) = in_node(
+        [{"rule": rule, "tau": plain(tau.ravel()), "qd": plain(still.ravel())}], JUDGE, tmp_path
+    )
+    most = function(fine).max(axis=0)
+    own, error = (np.array(found[key], dtype=float) for key in ("torque_range.1", "torque_range.1.error"))
+    assert (np.abs(own - most) <= error + 1e-3 * np.abs(size) + 1e-6).all()
+    net, off = (np.array(found[key], dtype=float) for key in ("energy_net", "energy_net.error"))
+    assert (np.abs(net - trapezoid(function(fine), fine, axis=0)) <= off + 1e-4).all()
 
 
 @pytest.mark.parametrize(("nv", "m", "n"), [(4, 3, 1), (5, 3, 2), (5, 4, 3), (4, 0, 4)])
@@ -102,10 +121,15 @@ CASES: dict[str, tuple[str, Sequence[str], Ranges]] = {
     "a loop": ("mechanisms/flywheel.yaml", (), {"robot.links.piston.mass": (0.5, 3.0), "robot.links.bar.mass": (0.4, 3.0)}),
     "a loop with two actuators": ("mechanisms/five_bar_circle.yaml", (), {"robot.links.crank_left.mass": (1.0, 5.0),
                                   "robot.links.arm_right.mass": (0.5, 3.0), "robot.links.arm_left.inertia.zz": (0.02, 0.1)}),
+    "lengths of a loop": ("mechanisms/flywheel.yaml", (), {"robot.joints.rod.origin.xyz.0": (0.06, 0.2), "robot.links.piston.mass": (0.5, 3.0)}),
+    "lengths under a led point": ("mechanisms/five_bar_circle.yaml", (), {"robot.joints.left.a": (0.45, 0.6), "robot.joints.bend_right.a": (0.7, 0.9)}),
     "waypoints": ("2r_circle.yaml", ("trajectory={type: quintic, points: [{t: 0, q: {theta1: 0, theta2: 0}}, {t: 0.7, q: {theta1: 1, theta2: -1}},"
                   " {t: 2, q: {theta1: 0.3, theta2: 0.5}}]}",), {"robot.links.link1.mass": (5.0, 20.0)}),
     "more actuators than freedoms": ("mechanisms/flywheel.yaml", ("actuated=[crank, rod]",), {"robot.links.piston.mass": (0.5, 3.0)}),
 }  # fmt: skip
+
+
+FAR = {"lengths under a led point": 2}  # settings that may be too far from the scene's guess
 
 
 def beyond(family: Family, live: LiveInverse, rows: np.ndarray, folder: Path) -> tuple[list[str], int]:
@@ -134,7 +158,7 @@ def test_a_page_gives_what_the_program_gives(name: str, tmp_path: Path) -> None:
     family = Family(CONFIGS / scene, list(overrides))
     live = LiveInverse(family, ranges)
     wrong, refused = beyond(family, live, np.vstack([live.row, random_rows(ranges, 9, 3)]), tmp_path)
-    assert not wrong and not refused, "\n".join(wrong)
+    assert not wrong and refused <= FAR.get(name, 0), "\n".join(wrong)
 
 
 @needs_node
@@ -173,7 +197,10 @@ def test_settings_that_a_page_cannot_vouch_for_are_refused(tmp_path: Path) -> No
 REFUSED: dict[str, tuple[str, Sequence[str], str, str]] = {
     "drives": ("2r_drives.yaml", (), "robot.links.link1.mass", "limits of drives, or margins of motorisation"),
     "lengths that change the motion": ("2r_circle.yaml", (), "robot.joints.theta1.a", "a point of an open chain is led, so lengths"),
-    "lengths of loops": ("mechanisms/flywheel.yaml", (), "robot.joints.rod.origin.xyz.0", "the keys change the motion of what the loops tie"),
+    "lengths where more actuators act than it takes": ("mechanisms/flywheel.yaml", ("actuated=[crank, rod]",), "robot.joints.rod.origin.xyz.0",
+                                                       "than it takes share the load"),
+    "lengths that move when friction turns": ("mechanisms/flywheel.yaml", ("robot.joints.rod.friction={coulomb: 0.1}",), "robot.joints.rod.origin.xyz.0",
+                                              "rod, which lose energy, turn back"),
     "what is asked of the motion": ("2r_circle.yaml", (), "trajectory.radius", "trajectory.radius decides which equations there are"),
     "the least time": ("trajectories/fastest_2r.yaml", (), "robot.links.link1.mass", "limits of torques or paths decide the motion"),
     "parameters of the motion": ("2r_circle.yaml", ("parameters={speed: 1}", "trajectory={type: joint, duration: 2, q: {theta1: speed*t, theta2: 1}}",
@@ -185,8 +212,58 @@ REFUSED: dict[str, tuple[str, Sequence[str], str, str]] = {
 def test_what_cannot_leave_is_refused_by_name(name: str) -> None:
     scene, overrides, key, words = REFUSED[name]
     family = Family(CONFIGS / scene, list(overrides))
-    from robodyn_cli.over.many.keys import value_of
-
     value = value_of(family, key) or 0.0
     with pytest.raises(RobodynError, match=words):
         LiveInverse(family, {key: (value - 0.01, value + 0.01)}).data()
+
+
+# -- kinematics -----------------------------------------------------------------------------------------
+MOVING: dict[str, tuple[str, Sequence[str], Ranges, bool]] = {
+    # scene, settings, ranges, whether some settings have no motion
+    "crank-rocker": ("mechanisms/four_bar_kinematics.yaml", (), {"robot.joints.crank.a": (0.2, 0.9), "robot.joints.coupler.a": (0.8, 1.6)}, True),
+    "poles and dead points": ("mechanisms/kinematic_design.yaml", (), {"robot.joints.rocker.origin.xyz.0": (0.9, 1.1)}, False),
+    "a point that is led": ("mechanisms/five_bar_circle.yaml", ("command=kinematics", "expect={}"),
+                            {"robot.joints.left.a": (0.45, 0.6), "robot.joints.bend_right.a": (0.7, 0.9)}, False),
+    "an open chain": ("arm_in_plane.yaml", ("command=kinematics", "expect={}"), {"robot.joints.theta2.a": (0.5, 1.2)}, False),
+}  # fmt: skip
+
+
+def told(summary: Mapping[str, Any], live: LiveKinematics, of: str, entry: int) -> tuple[float | None, float]:
+    """Return a figure of a summary, and its error."""
+    section, _, figure = of.partition(".")
+    if section == "joints":
+        own = summary["joints"][live.problem.model.v_names[entry]]
+    elif section == "points":
+        own = summary["points"][live.points[entry]]
+    else:
+        own = summary["singular_ratio" if section == "ratio" else "transmission_angle"]
+    error = own["errors"][figure] if "errors" in own else own[f"{figure}_error"]
+    return own[figure], error or 0.0
+
+
+@needs_node
+@pytest.mark.parametrize("name", MOVING)
+def test_motions_of_a_page_are_those_of_the_command(name: str, tmp_path: Path) -> None:
+    """And never one where the command has none."""
+    scene, overrides, ranges, some = MOVING[name]
+    family = Family(CONFIGS / scene, list(overrides))
+    live = LiveKinematics(family, ranges)
+    rows, figures = np.vstack([live.row, random_rows(ranges, 9, 4)]), live.data()["figures"]
+    wrong, refused = [], 0
+    for row, page in zip(rows, run_live(live, rows, tmp_path)):
+        try:
+            summary = kinematics(family.scene(settings(list(ranges), row))).summary
+        except RobodynError:
+            summary = None
+        refused += "refused" in page
+        assert (summary is None) == ("refused" in page), f"{row}: {page.get('refused', 'the page answers')}"
+        if summary is None:
+            continue
+        for figure, own in zip(figures, page.get("figures", [])):
+            value, error = told(summary, live, figure["of"], figure["entry"])
+            if value is not None and not abs(own["value"] - value) <= own["error"] + error + 1e-12 * abs(
+                value
+            ):
+                wrong.append(f"{row}: {figure['name']} {own} and {value} +- {error}")
+    assert not wrong, "\n".join(wrong)
+    assert bool(refused) == some

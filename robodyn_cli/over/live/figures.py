@@ -12,7 +12,8 @@ import numpy as np
 from robodyn_cli.observe.rounding import largest_differences
 from robodyn_cli.over.live.rules import Tape
 from robodyn_cli.solve.extremes import Extreme, largest
-from robodyn_cli.solve.load_sharing import Hold, borne, borne_least
+from robodyn_cli.solve.guided import same_branch
+from robodyn_cli.solve.load_sharing import Hold, borne, borne_least, shared_rows
 from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import ROUNDING
@@ -24,6 +25,8 @@ NAMES = {"torque_range.0": "smallest torque", "torque_range.1": "largest torque"
          "peak_torque_time": "time of the peak torque", "energy_net": "net energy"}  # fmt: skip
 KINDS = {"peak_torque": "torque", "rms_torque": "torque", "torque_range": "torque", "peak_speed": "speed",
          "peak_power": "power", "energy": "energy", "energy_net": "energy"}  # fmt: skip
+CERTAIN = 1e6  # condition of actuators and loops, from which on they are near to losing their hold
+DOUBTED = 3.0  # times an error where a function may jump or bend between samples that say so
 
 
 class LoadedTogether(Loaded):
@@ -65,14 +68,27 @@ def rule_of(tape: Tape, outputs: Mapping[str, Any]) -> tuple[Rule, dict[str, Any
     )
 
 
+def with_doubts(tape: Tape, figures: Mapping[str, tuple[Any, Any]], since: int = 0) -> dict[str, Any]:
+    """Return figures (n,) and their errors as outputs of a rule; since : doubts noted before are of others.
+
+    Where nobody states a jump or a bend its place is not looked for here, as the command does; the differences that it
+    makes are part of the errors all the same, of which some are a little small then.
+    """
+    found: dict[str, Any] = {}
+    for name, (value, error) in figures.items():
+        found[name], n = value, value.size
+        parts = [x.reshape(-1, n).any(axis=0) for x in tape.doubts[since:]]
+        found[f"{name}.error"] = (
+            error * np.where(reduce(np.logical_or, parts), DOUBTED, 1.0) if parts else error
+        )
+    return found
+
+
 def figures_rule(times: Array, tau: Array, qd: Array, breaks: Breaks) -> tuple[Rule, dict[str, Any]]:
     """Return the rule of the figures of joints with torques and rates (T, n): ``NAME`` and ``NAME.error`` (n,)."""
     tape = Tape()
     loaded = LoadedTogether(times, tape.input("tau", tau), tape.input("qd", qd), breaks)  # type: ignore[arg-type]
-    outputs: dict[str, Any] = {}
-    for name, figure in FIGURES.items():
-        outputs[name], outputs[f"{name}.error"] = figure(loaded)
-    return rule_of(tape, outputs)
+    return rule_of(tape, with_doubts(tape, {name: figure(loaded) for name, figure in FIGURES.items()}))
 
 
 def rounding_rule(load: Array, psi: Array | None, shared: Hold | None) -> tuple[Rule, dict[str, Any]]:
@@ -90,6 +106,19 @@ def rounding_rule(load: Array, psi: Array | None, shared: Hold | None) -> tuple[
             tau = borne_least(rows, shared.columns, tau, shared.tolerance)
         tau = tau.reshape(count, samples, -1)
     return rule_of(tape, {"rounding": largest_differences(tau[None])})
+
+
+def borne_rule(load: Array, psi: Array, driven: Sequence[int]) -> tuple[Rule, dict[str, Any]]:
+    """Return the rule of torques (T, n) that bear loads (T, nv) with Psi (T, m, nv), and whether these hold them safely
+    at all samples, and between them with the same sign."""
+    tape = Tape()
+    rows: Any = tape.input("psi", psi)
+    u: Any = tape.input("load", load)
+    both = shared_rows(rows, driven)
+    inverse = np.linalg.solve(both, np.broadcast_to(np.eye(load.shape[1]), both.shape))
+    condition: Any = np.abs(both).sum(axis=2).max(axis=1) * np.abs(inverse).sum(axis=2).max(axis=1)
+    good = (condition < CERTAIN).all() & same_branch(both[:-1], both[1:]).all()
+    return rule_of(tape, {"tau": (inverse @ u[:, :, None])[:, : len(driven), 0], "good": good})
 
 
 def is_determined(shared: Hold) -> bool:

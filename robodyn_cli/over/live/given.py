@@ -20,7 +20,16 @@ from robodyn_cli.kernels.wasm import WASM, WasmModule
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import DRAWS, ENLARGED, PATTERNS, UNIT, Rounded, few
 from robodyn_cli.over.live.code import StateEquations, equations_text, numbers_text
-from robodyn_cli.over.live.figures import Rule, figures_rule, named_figures, rounding_rule, rule_of
+from robodyn_cli.over.live.figures import (
+    Rule,
+    borne_rule,
+    figures_rule,
+    is_determined,
+    named_figures,
+    rounding_rule,
+    rule_of,
+)
+from robodyn_cli.over.live.follow import LoopMotion
 from robodyn_cli.over.live.inertia import has_doubtful_inertia
 from robodyn_cli.over.live.judging import REASONS
 from robodyn_cli.over.live.keys import LiveScene, columns, entries_of
@@ -37,7 +46,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.solve.load_sharing import Hold
 from robodyn_cli.solve.quadrature import DIFFERED, HIDDEN, POINTS, Breaks, doubts
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.checks import breaks_of
+from robodyn_cli.torques.checks import breaks_of, turning
 from robodyn_cli.torques.program import Sampled
 from robodyn_cli.works.inverse import evaluated, looked_at
 
@@ -64,14 +73,13 @@ class LiveInverse(LiveScene):
         self.structure = self._built(self.mechanism, InverseStructure)
         self.program = self.structure.program
         self.problem = self.program.problem
-        if why := first_of(self.structure.changed_motion):
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
         model = self.problem.model
         self.sizes = {"t": 1, "q": model.nq, "v": model.nv, "a": model.nv}
         self.driven = self.structure.driven
         self.planned, self.sampled = self._along(scene.inverse.samples)
         self.times = self.planned.times
         self.shared = self._shared()
+        self.followed = self._followed()
         with witnessed() as witnesses:
             self.equations  # noqa: B018 - what is compared while they are built decides as well
         self.deciding = [*self.structure.deciding, *self.structure.recipe.deciding(witnesses)]
@@ -118,6 +126,31 @@ class LiveInverse(LiveScene):
             )
         return Hold.of(loops.psi, self.driven, loops.shared.tolerance)
 
+    def _followed(self) -> LoopMotion | None:
+        """Return the motion of a mechanism with keys that change it.
+
+        Raises
+        ------
+        CapabilityError : its torques do not follow from it here.
+        """
+        if self.structure.lead is None or self.shared is None:
+            return None
+        guided = self.structure.guide(self.times)
+        if not guided.varies:
+            return None
+        losing = [self.problem.model.joint_of(k) for k in sorted(turning(self.problem))]
+        reasons = {
+            f"keys change when {', '.join(losing)}, which lose energy, turn back": bool(losing),
+            "keys change how more actuators, or rows of loops, than it takes share the load": not is_determined(
+                self.shared
+            ),
+        }
+        motion = guided.follow(self.row[None])
+        reasons["its own motion is left to the command"] = not motion.good[0]
+        if why := first_of(reasons):
+            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+        return LoopMotion(guided, motion, self.where)
+
     # -- code -----------------------------------------------------------------------------------------
     @cached_property
     def equations(self) -> dict[str, StateEquations]:
@@ -137,6 +170,8 @@ class LiveInverse(LiveScene):
             outputs["inertia"] = {"mass": problem.mass_matrix.ravel().tolist()}
             if rows:
                 outputs["inertia"]["psi"] = list(rows)
+        if self.followed is not None:
+            outputs |= self.followed.equations()
         if picture := picture_of(self.family.own, problem):
             outputs["picture"] = picture
         own, at = {}, 0
@@ -179,12 +214,7 @@ class LiveInverse(LiveScene):
 
     @cached_property
     def recorded(self) -> dict[str, tuple[Rule, dict[str, Any]]]:
-        """The rules of the figures, each with the values of its example.
-
-        Raises
-        ------
-        CapabilityError : samples do not tell the figures of the scene itself.
-        """
+        """The rules of the figures, each with the values of its example."""
         motion, loops = self.planned.motion, self.sampled.loops
         breaks = breaks_of(self.problem, self.times, motion)
         at = few(len(self.times))
@@ -194,11 +224,9 @@ class LiveInverse(LiveScene):
             "figures": figures_rule(self.times, self.tau, motion.qd[:, self.driven], breaks),
             "rounding": rounding_rule(draws, psi, self.shared),
         }
-        if not found["figures"][1].get("good", True):
-            raise CapabilityError(
-                f"this scene cannot {self.where}: a torque jumps or bends where nothing in the scene says so, as far "
-                f"as {len(self.times)} samples tell"
-            )
+        if self.followed is not None and loops is not None:
+            load = np.sum(list(self.sampled.terms.values()), axis=0)
+            found |= {**self.followed.rules(), "borne": borne_rule(load, loops.psi, self.driven)}
         if "inertia" in self.equations:
             found["definite"] = self._definite(at)
         return found
@@ -215,12 +243,7 @@ class LiveInverse(LiveScene):
         return rule_of(tape, {"good": good.all()})
 
     def data(self) -> dict[str, Any]:
-        """Return what a page needs beside the code.
-
-        Raises
-        ------
-        CapabilityError : samples do not tell the figures of the scene itself.
-        """
+        """Return what a page needs beside the code."""
         model, motion = self.problem.model, self.planned.motion
         size, at = sum(self.sizes.values()), few(len(self.times))
         rows = np.column_stack([self.times, motion.q, motion.qd, motion.qdd])
@@ -238,6 +261,7 @@ class LiveInverse(LiveScene):
             "v": columns(model.v_names, model.v_units, range(v, v + model.nv)),
             "size": size, "factors": PATTERNS, "motion": plain(rows.ravel()), "few": at.tolist(),
             "rates": [v + k for k in self.driven], "weights": plain(self._weights()),
+            "follow": None if self.followed is None else self.followed.data(),
             "draws": {"count": DRAWS, "unit": ENLARGED * UNIT},
             "outputs": {name: own.program.sizes for name, own in self.equations.items()},
             "numbers": plain(self.tables.numbers), "points": list(model.points), "start": {"closing": None},
@@ -248,7 +272,7 @@ class LiveInverse(LiveScene):
     def _weights(self) -> Array:
         """Return W (T, n, nv) with tau = W u of loads u, flat; nothing of an open chain."""
         hold = self.shared
-        if hold is None or hold.inverse is None:
+        if hold is None or hold.inverse is None or self.followed is not None:
             return np.zeros(0)
         return np.einsum("taf,tvf->tav", hold.inverse, hold.N).ravel()
 
@@ -267,7 +291,8 @@ def told_clearly(times: Array, y: Array, breaks: Breaks) -> bool:
 
 # why a page leaves values to the command, by what did not hold
 GIVEN_REASONS = {
-    "figures": "a torque jumps or bends where nothing in the scene says so, as far as the samples tell",
     "finite": "a torque is not finite",
+    "follow": "the loops do not close along the whole motion, or come near a singular pose or another branch",
+    "borne": "actuators and loops come near a pose in which they lose their hold",
     "definite": "the mass matrix is not positive: there are no bodies with these inertias",
 }

@@ -6,16 +6,30 @@ import base64
 import gzip
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.kernels.wasm import WasmModule
 from robodyn_cli.over.live.given import LiveInverse, given_commands
+from robodyn_cli.over.live.moving import LiveKinematics, kinematic_commands
 from robodyn_cli.over.live.structure import LiveStructure, motion_commands
 from robodyn_cli.over.many.keys import value_of
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family, load_scene_text
 
 Asked = tuple[str, str, str]  # a key, and the lowest and highest value of it as they are written
+
+
+class Running(Protocol):
+    """A scene that runs in a page."""
+
+    def module(self) -> WasmModule:
+        """Return the code."""
+        ...
+
+    def data(self) -> dict[str, Any]:
+        """Return what a page needs beside the code."""
+        ...
 
 
 def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mapping[str, Any] | None]:
@@ -25,8 +39,9 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
     ------
     CapabilityError : what cannot leave, by name. SceneError : no scene has a key, or none takes such values.
     """
-    makers: dict[str, Callable[[Family, Mapping[str, tuple[float, float]]], LiveStructure | LiveInverse]] = {
+    makers: dict[str, Callable[[Family, Mapping[str, tuple[float, float]]], Running]] = {
         **dict.fromkeys(motion_commands(), LiveStructure), **dict.fromkeys(given_commands(), LiveInverse),
+        **dict.fromkeys(kinematic_commands(), LiveKinematics),
     }  # fmt: skip
     parts: list[Mapping[str, Any] | None] = []
     refused: dict[str, SceneError] = {}
@@ -59,12 +74,12 @@ def _written(family: Family, key: str, text: str) -> float:
     return value
 
 
-def _part(live: LiveStructure | LiveInverse) -> dict[str, Any]:
+def _part(live: Running) -> dict[str, Any]:
     """Return data and code of a structure."""
     made = live.module()
     code = {"imports": list(made.imports), "constants": made.constants, "text": _packed(made.code)}
     data = json.dumps(live.data(), separators=(",", ":"), allow_nan=False).encode()
-    return {"code": code, "data": _packed(data), "given": isinstance(live, LiveInverse)}
+    return {"code": code, "data": _packed(data), "given": not isinstance(live, LiveStructure)}
 
 
 def _packed(content: bytes) -> str:

@@ -69,7 +69,7 @@ class InverseStructure(Built):
                 self.reactions = ReactionSamples(self.program.problem, scene.inverse.samples)
             self.beside = Burdens(self.program.problem, scene)
             if not (why := obstacle(self.program, self.lead, scene, keys)) and self.lead is not None:
-                self._guide(self.program.looked_at(scene.inverse.samples))
+                self.guide(self.program.looked_at(scene.inverse.samples))
         names = list(self.program.outputs)
         self.terms = [f"o{names.index(f'torque_terms/{name}')}" for name in self.program.terms]
         self.size = sum(len(x) for x in outputs)
@@ -83,12 +83,6 @@ class InverseStructure(Built):
             if isinstance(self.program, OpenChain):
                 self.program.free_accelerations  # noqa: B018
         return self.recipe.deciding(witnesses)
-
-    @property
-    def changed_motion(self) -> dict[str, bool]:
-        """Why the motion of a mechanism may be another one in other runs, by whether that holds."""
-        varies = any(guided.varies for guided in self._guided.values())
-        return {"the keys change the motion of what the loops tie": varies}
 
     @property
     def driven(self) -> list[int]:
@@ -110,7 +104,8 @@ class InverseStructure(Built):
             crowded_turns(self.program.problem, planned.times, planned.motion)
         )
 
-    def _guide(self, times: Array) -> Guided:
+    def guide(self, times: Array) -> Guided:
+        """Return the equations of the motion of a mechanism at times (T,)."""
         key = times.tobytes()
         if key not in self._guided:
             assert self.lead is not None
@@ -122,7 +117,7 @@ class InverseStructure(Built):
         the end."""
         if self.lead is None:
             return [self.planned(times)] * len(values)
-        problem, guided = self.program.problem, self._guide(times)
+        problem, guided = self.program.problem, self.guide(times)
         motions = guided.follow(values)
         off = guided.residuals(values, motions)
         planned: list[Planned | None] = []

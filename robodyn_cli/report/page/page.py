@@ -42,7 +42,7 @@ LIVE = (
     "command."
 )
 LIVE_GIVEN = (
-    "Drawing, figures and plots here are computed in this page, along the motion of the stored result, with errors as "
+    "Drawing, figures and plots here are computed in this page along the motion that is asked for, with errors as "
     "those of the command; plots and tables below are of the stored result. What is marked below a slider is left to "
     "the command."
 )

@@ -2,13 +2,13 @@
 
 const BINARY = {
   add: (a, b) => a + b, subtract: (a, b) => a - b, multiply: (a, b) => a * b, divide: (a, b) => a / b,
-  power: (a, b) => a ** b, minimum: (a, b) => Math.min(a, b), maximum: (a, b) => Math.max(a, b),
+  power: (a, b) => a ** b, minimum: (a, b) => Math.min(a, b), arctan2: (a, b) => Math.atan2(a, b), maximum: (a, b) => Math.max(a, b),
   less: (a, b) => +(a < b), less_equal: (a, b) => +(a <= b), greater: (a, b) => +(a > b), greater_equal: (a, b) => +(a >= b),
   equal: (a, b) => +(a === b), not_equal: (a, b) => +(a !== b), logical_and: (a, b) => +(a && b ? 1 : 0), logical_or: (a, b) => +(a || b ? 1 : 0),
 };
 const UNARY = {
   negative: (a) => -a, absolute: Math.abs, sqrt: Math.sqrt, floor: Math.floor, sign: Math.sign, exp: Math.exp, log: Math.log,
-  isfinite: (a) => +Number.isFinite(a), isnan: (a) => +Number.isNaN(a), logical_not: (a) => +!a,
+  isfinite: (a) => +Number.isFinite(a), isnan: (a) => +Number.isNaN(a), logical_not: (a) => +!a, degrees: (a) => a * 180 / Math.PI,
   // halves to the even number
   rint: (a) => (a % 1 === 0.5 || a % 1 === -0.5 ? 2 * Math.round(a / 2) : Math.round(a)),
 };
