@@ -91,7 +91,7 @@ def test_keys_and_a_second_run_beside(live_page: Path, opened: Opener) -> None:
     page.locator(".live[data-runs='2']").wait_for()
     assert figures(page)["time of the lock"] != first
     page.locator(".live .plots").scroll_into_view_if_needed()
-    page.locator(".live .plots path[stroke-dasharray^='5 3']").first.wait_for(state="attached")
+    page.locator(".live .plots path[opacity='0.5']").first.wait_for(state="attached")  # paler than the other
 
 
 def test_a_figure_over_the_range_of_a_key(four_bar: Result, tmp_path: Path, opened: Opener) -> None:
@@ -127,7 +127,6 @@ def test_torques_along_a_motion(tmp_path: Path, opened: Opener) -> None:
     heavier = inverse(load_scene(CONFIGS / "2r_circle.yaml", ["robot.links.link2.mass=20"]))
     told = heavier.summary["joints"]["theta1"]["peak_torque"]
     assert number_of(figures(page)[peak]) == pytest.approx(told, abs=1e-6)
-    assert float(page.locator(".live").get_attribute("data-milliseconds")) < 1e3 * SECONDS
     page.locator(".live .plots").scroll_into_view_if_needed()
     titles = [item.inner_text() for item in page.locator(".live .plots h3").all()]
     assert titles == ["Live: torques", "Live: positions", "Live: rates"]
