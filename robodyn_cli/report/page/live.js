@@ -210,7 +210,10 @@ class Live {
     return new Chart(figure, { name: `${title} of the run in this page`, legend, panels, group }, this.player);
   }
   /* The look of one of so many lines, as in the plots of the stored result. */
-  line(k, count) { return { ...this.data.looks[count][k], spans: [false, false] }; }
+  line(k, count) {
+    const { looks } = this.data;
+    return { ...(looks[count] || looks[Math.max(...Object.keys(looks))])[k], spans: [false, false] };
+  }
 
   plot() {
     for (const chart of this.charts) {
