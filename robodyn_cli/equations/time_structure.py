@@ -28,6 +28,7 @@ ROUNDING = 1e-13
 BENT = 1e-3  # part of its range by which a function really bends in an interval that is short for it
 SHORT = 1 / 256  # part of the duration: shorter features are reported
 FINEST = 2.0**-44  # part of the duration at which bisection ends: a point
+STEADY = frozenset({"sym", "const", "add", "sub", "mul", "neg", "sin", "cos"})
 MOST = 20_000  # intervals of one length that are examined for one function
 MOST_POINTS = 1_000
 FINER = 8.0  # from one scale of features to the next
@@ -62,6 +63,12 @@ def functions_of_time(outputs: Iterable[Scalar], t: Expr) -> list[Expr]:
             of_time[node.index] = False
     used = {a.index for node in nodes if of_time[node.index] for a in node.args}
     return [n for n in nodes if of_time[n.index] and n is not t and n.index not in used]
+
+
+def is_steady(function: Expr) -> bool:
+    """Tell whether a function of time is made of sums and products of t and of sines: whatever its numbers are, it
+    neither jumps nor bends, and has no pulse that steps may miss, for it varies all along the run."""
+    return all(node.op in STEADY for node in reachable([function]))
 
 
 def structure(function: Expr, t: Expr, duration: float) -> TimeStructure:

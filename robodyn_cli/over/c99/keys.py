@@ -16,7 +16,7 @@ from robodyn_cli.expr.statements import quantities
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.c99.functions import ModelFunctionsOfScene, functions_of, ready
-from robodyn_cli.over.many.keys import OPTION, START, Key, setting, settings, understand, value_of
+from robodyn_cli.over.many.keys import NO_VALUE, OPTION, START, Key, setting, settings, understand, value_of
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.numbers import at_key
@@ -184,7 +184,7 @@ def key_bounds(family: Family, asked: Sequence[AskedKey]) -> dict[str, tuple[flo
     for one in asked:
         value = value_of(family, one.name)
         if value is None:
-            raise CapabilityError(f"--key {one.name}: it has no value in the scene; give it one by --set")
+            raise CapabilityError(f"--key {one.name}: {NO_VALUE}")
         key = _described(family, one.name, value, one)
         bounds[one.name] = key.low, key.high
     return bounds

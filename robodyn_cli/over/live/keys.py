@@ -15,7 +15,7 @@ from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.wasm import WasmModule, write_wasm
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.many.groups import Built
-from robodyn_cli.over.many.keys import OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
+from robodyn_cli.over.many.keys import NO_VALUE, OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
@@ -91,7 +91,7 @@ class LiveScene:
             )
         value = value_of(mechanism.family, key.name)
         if value is None:
-            raise CapabilityError(f"{asked}: it has no value in the scene; give it one by --set")
+            raise CapabilityError(f"{asked}: {NO_VALUE}")
         if self.in_page and not (low < high and math.isfinite(low) and math.isfinite(high)):
             raise CapabilityError(f"{asked}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
         if not low <= value <= high:

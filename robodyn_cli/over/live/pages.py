@@ -8,12 +8,12 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.kernels.wasm import WasmModule
 from robodyn_cli.over.live.given import LiveInverse, given_commands
 from robodyn_cli.over.live.moving import LiveKinematics, kinematic_commands
 from robodyn_cli.over.live.structure import LiveStructure, motion_commands
-from robodyn_cli.over.many.keys import value_of
+from robodyn_cli.over.many.keys import NO_VALUE, value_of
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family, load_scene_text
 
@@ -44,7 +44,7 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
         **dict.fromkeys(kinematic_commands(), LiveKinematics),
     }  # fmt: skip
     parts: list[Mapping[str, Any] | None] = []
-    refused: dict[str, SceneError] = {}
+    refused: dict[str, RobodynError] = {}
     served: set[str] = set()
     for result in results:
         ranges: dict[str, tuple[float, float]] = {}
@@ -53,9 +53,14 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
             family = Family.of(load_scene_text(result.scene_text))
             for key, low, high in asked:
                 try:
-                    ranges[key] = _written(family, key, low), _written(family, key, high)
+                    written = _written(family, key, low), _written(family, key, high)
                 except SceneError as error:
                     refused.setdefault(key, error)
+                    continue
+                if value_of(family, key) is None:  # a map of free names takes any key
+                    refused.setdefault(key, CapabilityError(f"--live {key}: {NO_VALUE}"))
+                else:
+                    ranges[key] = written
         served |= set(ranges)
         parts.append(_part(make(family, ranges)) if make is not None and ranges else None)
     for key, _, _ in asked:

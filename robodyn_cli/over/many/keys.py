@@ -21,6 +21,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.units import in_joint, named_place, unit_of, written_number
 from robodyn_cli.spatial.algebra import Array
 
+NO_VALUE = "it has no value in the scene; give it one by --set"
 NUMBER, START, OPTION, STRUCTURE = "number", "start", "option", "structure"
 OPTIONS = ("duration",)
 # values that a key is tried with until two are allowed, to see what they change

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.time_structure import is_steady
 from robodyn_cli.errors import listed
 from robodyn_cli.expr.fixed import places, witnessed
 from robodyn_cli.expr.graph import reachable
@@ -161,12 +162,13 @@ def times_vary(keys: Sequence[Key]) -> bool:
 
 
 def varying_times(motion: Motion, keys: Sequence[Key]) -> list[str]:
-    """Return the keys with which steps may have to end at other times: those that have a part in a function of time,
-    where there are tables all that ``times_vary`` tells, and options."""
+    """Return the keys with which steps may have to end at other times: those that have a part in a function of time
+    which is not steady, where there are tables all that ``times_vary`` tells, and options."""
     switching = motion.problem.switching
     if not (motion.system.breakpoints or switching.time_structures):
         return []
-    timed = set(places(node.value for node in reachable(switching.of_time) if node.op == "const"))
+    ends = [function for function in switching.of_time if not is_steady(function)]
+    timed = set(places(node.value for node in reachable(ends) if node.op == "const"))
     return [
         key.name
         for key in keys
