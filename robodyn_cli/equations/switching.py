@@ -108,15 +108,15 @@ class Switching:
         ]
 
     @cached_property
-    def of_time(self) -> list[Expr]:
-        """Functions of time alone in formulas, whose times steps end at."""
+    def of_time(self) -> list[tuple[str, Expr]]:
+        """Functions of time alone in formulas, whose times steps end at, with the key of each."""
         if not self.formulas:
             return []
         from robodyn_cli.equations.time_structure import functions_of_time
 
         t = self.equations.t
-        functions = [f for _, entries in self.formulas for f in functions_of_time(entries, t)]
-        return [*functions, *(switch for _, switch in self.switches if is_of_time(switch, t))]
+        functions = [(key, f) for key, entries in self.formulas for f in functions_of_time(entries, t)]
+        return [*functions, *((key, switch) for key, switch in self.switches if is_of_time(switch, t))]
 
     @cached_property
     def tabled(self) -> set[float]:

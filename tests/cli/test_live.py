@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -18,7 +21,11 @@ MASS = "robot.links.link1.mass=5:25"
 def stored(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Results of a simulation and of inverse dynamics."""
     folder = tmp_path_factory.mktemp("stored")
-    scenes = {"simulate": "double_pendulum.yaml", "inverse": "2r_circle.yaml"}
+    scenes = {
+        "simulate": "double_pendulum.yaml",
+        "inverse": "2r_circle.yaml",
+        "statics": "double_pendulum.yaml",
+    }
     for command, scene in scenes.items():
         words = [command, str(CONFIGS / scene), "--out", str(folder / command), "--no-plots", "--quiet"]
         assert CliRunner().invoke(app, words).exit_code == 0
@@ -32,9 +39,11 @@ def report(target: Path, *words: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def live_of(target: Path) -> list[dict[str, object]]:
+def live_of(target: Path) -> list[dict[str, Any] | None]:
+    """Return what a page runs of each result."""
     text = target.read_text().split('<script type="application/json" id="data">')[1].split("</script>")[0]
-    return list(json.loads(text).get("live", []))
+    parts = json.loads(text).get("live", [])
+    return [part and json.loads(gzip.decompress(base64.b64decode(part["data"]))) for part in parts]
 
 
 def test_a_key_goes_to_every_scene_that_has_it(stored: dict[str, Path], tmp_path: Path) -> None:
@@ -42,13 +51,18 @@ def test_a_key_goes_to_every_scene_that_has_it(stored: dict[str, Path], tmp_path
     angle = "initial.q.theta2=-30 deg:90 deg"
     code, told = report(target, stored["inverse"], stored["simulate"], "--live", MASS, "--live", angle)
     assert code == 0, told
-    (scene,) = live_of(target)
-    keys = scene["keys"]
-    assert isinstance(keys, list)
+    given, moved = live_of(target)
+    assert given and moved
+    assert [key["name"] for key in given["keys"]] == ["robot.links.link1.mass"]
+    keys = moved["keys"]
     assert [key["unit"] for key in keys] == ["kg", "rad"]
     assert keys[1]["low"] == pytest.approx(-0.5235987755982988) and keys[1]["high"] == pytest.approx(
         1.5707963267948966
     )
+    code, told = report(
+        target, stored["inverse"], stored["simulate"], "--live", MASS, "--live", "parameters.torque=1:2"
+    )
+    assert code == 2 and "parameters.torque: it has no value" in " ".join(told.split())
     code, told = report(target, stored["simulate"])
     assert code == 0 and live_of(target) == []
 
@@ -60,7 +74,8 @@ def test_a_key_goes_to_every_scene_that_has_it(stored: dict[str, Path], tmp_path
         ("simulate", "robot.links.link1.mass", "allowed: KEY=LOW:HIGH"),
         ("simulate", "robot.links.link1.mass=5:heavy", "heavy"),
         ("simulate", "robot.joints.theta1.alpha=-1:1", "give it another value by --set"),
-        ("inverse", MASS, "allowed: keys of scenes of simulate, deploy"),
+        ("statics", MASS, "allowed: keys of scenes of simulate, deploy, inverse, kinematics"),
+        ("simulate", "parameters.torque=1:2", "it has no value in the scene"),
     ],
 )
 def test_what_cannot_run_ends_with_2(

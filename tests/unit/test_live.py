@@ -274,7 +274,7 @@ REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
     "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),
     "options": ("double_pendulum.yaml", (), {"simulate.duration": (5.0, 20.0)}, "simulate.duration is an option of the run"),
-    "times of formulas": ("double_pendulum.yaml", ("parameters={w: 3}", "torques.theta1=sin(w*t)"), {"parameters.w": (2.0, 4.0)},
+    "times of formulas": ("double_pendulum.yaml", ("parameters={w: 3}", "torques.theta1=abs(sin(w*t))"), {"parameters.w": (2.0, 4.0)},
                           "steps have to end at times .* others with parameters.w"),
     "an event at the start": ("double_pendulum.yaml", ("torques.theta1=-abs(qd.theta1)*qd.theta1", "initial.qd={}"), {},
                               "left to the command from t = 0 s on: what happens to torques.theta1 there"),

@@ -77,6 +77,13 @@ def test_a_prescribed_motion_is_that_of_the_command() -> None:
     compare_all(Task(family, "simulate", ("parameters.rate",), ()), 2, made=0)
 
 
+def test_sines_of_other_frequencies_are_those_of_the_command() -> None:
+    """They have no times that steps end at, whatever their numbers are; with a kink they do, and are left to it."""
+    for formula, made in (("amp*sin(w*t) - 0.1*cos(7*t)*t", 3), ("amp*abs(sin(w*t))", 0)):
+        family = Family(PENDULUM, (*FREE, "parameters={amp: 2, w: 9}", f"torques.theta1={formula}"))
+        compare_all(Task(family, "simulate", ("parameters.amp", "parameters.w"), ()), 3, part=0.3, made=made)
+
+
 def test_a_regulator_whose_gains_follow_from_the_numbers() -> None:
     """Each run has gains of its own, which are found from its masses."""
     changes = ("expect={}", "control.period=null", "simulate={duration: 0.5, samples: 26}")

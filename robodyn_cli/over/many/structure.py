@@ -163,11 +163,12 @@ def times_vary(keys: Sequence[Key]) -> bool:
 
 def varying_times(motion: Motion, keys: Sequence[Key]) -> list[str]:
     """Return the keys with which steps may have to end at other times: those that have a part in a function of time
-    which is not steady, where there are tables all that ``times_vary`` tells, and options."""
+    that steps may have to end for, where there are tables all that ``times_vary`` tells, and options."""
     switching = motion.problem.switching
     if not (motion.system.breakpoints or switching.time_structures):
         return []
-    ends = [function for function in switching.of_time if not is_steady(function)]
+    # given motions are followed at their own numbers, steady or not
+    ends = [f for key, f in switching.of_time if not (key.startswith("torques.") and is_steady(f))]
     timed = set(places(node.value for node in reachable(ends) if node.op == "const"))
     return [
         key.name
