@@ -45,7 +45,8 @@ class ExportedLoop:
         values = np.append(row, 0.0)
         reason = self.code.own_loop_run(_at(room), _at(values), _at(result), _at(samples))
         if reason:
-            return {"refused": self.code.own_loop_reason(reason).decode(), "reason": self.reasons[reason]}
+            refused = self.code.own_loop_reason(reason).decode()
+            return {"refused": refused, "reason": self.reasons[reason], "numbers": result[:count]}
         places = np.cumsum([2, self.nq, self.nq, self.nv, self.nv])
         parts = [result[a:b] for a, b in zip(places, places[1:])]
         steps, second, event, rows = result[count:].view(np.int32)[:4]

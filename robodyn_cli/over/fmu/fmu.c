@@ -238,6 +238,8 @@ FMI3_Export fmi3Status fmi3GetFloat64(
     size_t k;
 
     (void)count;
+    if (s->stage == BROKEN)
+        return refuse(unit, "the motion has failed: it has no values");
     if (s->stage == INITIALISING) {
         const int reason = begin(s);
         if (reason)

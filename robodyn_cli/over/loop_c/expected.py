@@ -61,16 +61,18 @@ static int test_loop_runs(void)
 
     for (set = 0; set < {sets}; ++set) {{
         {own}_loop_result result;
+        int off;
         const int reason = {own}_loop_run(&loop_room, loop_values[set], &result, &loop_rows[0][0]);
         if (reason) {{
             printf("%-40s left to robodyn: %s\\n", "loop", {own}_loop_reason(reason));
             wrong = 1;
             continue;
         }}
-        wrong |= loop_differs(&result.time, &result.time_error, &loop_time[set], 1, result.time);
-        wrong |= loop_differs(result.q, result.q_error, loop_q[set], {nq}, loop_most[set][0]);
-        wrong |= loop_differs(result.qd, result.qd_error, loop_qd[set], {nv}, loop_most[set][1]);
-        printf("%-40s end at %.12g s +- %.1e%s\\n", "loop", result.time, result.time_error, wrong ? "   WRONG" : "");
+        off = loop_differs(&result.time, &result.time_error, &loop_time[set], 1, result.time);
+        off |= loop_differs(result.q, result.q_error, loop_q[set], {nq}, loop_most[set][0]);
+        off |= loop_differs(result.qd, result.qd_error, loop_qd[set], {nv}, loop_most[set][1]);
+        printf("%-40s end at %.12g s +- %.1e%s\\n", "loop", result.time, result.time_error, off ? "   WRONG" : "");
+        wrong |= off;
     }}
     return wrong;
 }}

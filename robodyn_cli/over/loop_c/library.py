@@ -62,8 +62,9 @@ int {own}_loop_key(const char *name);
 
 /* Makes the whole motion with these values, and once more with greater accuracy, for its errors.
 
-   Returns 0; else a reason why robodyn itself has to be asked, see {own}_loop_reason. samples : rows of states from the
-   start to the end, evenly spaced up to the end or, of a motion that locks, up to the lock; NULL: none are wanted. */
+   Returns 0; else a reason why robodyn itself has to be asked, see {own}_loop_reason, and NaN for times and states.
+   samples : rows of states from the start to the end, evenly spaced up to the end or, of a motion that locks, up to the
+   lock; NULL: none are wanted. */
 int {own}_loop_run({own}_loop_room *room, const double values[{key_room}], {own}_loop_result *result, double *samples);
 
 /* Sets a motion on its start, for going step by step. again : 1 for the more accurate integration, from whose
@@ -74,8 +75,8 @@ int {own}_loop_begin({own}_loop *loop, const double values[{key_room}], int agai
    nothing but rounding.
 
    Returns {big}_LOOP_REACHED; {big}_LOOP_ENDED where the motion has ended before, with the state at its end, now and
-   ever after; {big}_LOOP_FAILED where the integration has failed, or, with the motion left where it stands, for a time
-   before the present one ({own}_loop_time){known}. */
+   ever after; {big}_LOOP_FAILED where the integration has failed, with a state of NaN, now and ever after, or, with the
+   motion left where it stands, for a time before the present one ({own}_loop_time){known}. */
 int {own}_loop_to({own}_loop *loop, double time, double x[{states}]);
 
 /* The same with a step that ends there, and none that is longer than so much. Behind it values may change. */

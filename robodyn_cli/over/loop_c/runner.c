@@ -441,6 +441,17 @@ static void bound(Integration *m)
     w[SLOT_T_BEFORE] = stretch[2];
 }
 
+/* Ends a motion whose integration has failed: it has no state any more. */
+static int fail(Integration *m)
+{
+    int k;
+
+    for (k = 0; k < NX; ++k)
+        m->out[k] = (double)NAN;
+    m->state[ENDED] = 2.0;
+    return own_FAILED;
+}
+
 /* Goes to a time, or to the end of the motion before it; cut : whether a step ends there. */
 static int go_on(Integration *m, double time, int cut)
 {
@@ -455,7 +466,7 @@ static int go_on(Integration *m, double time, int cut)
         if (m->state[AT_EVENT] != 0.0) {
             if (time < m->state[EVENT_TIME]) {
                 if (!sample_before_event(m, time))
-                    return own_FAILED;
+                    return fail(m);
                 m->state[TIME] = time;
                 return own_REACHED;
             }
@@ -490,8 +501,7 @@ static int go_on(Integration *m, double time, int cut)
         if (status == STATUS_EVENT && !note_event(m))
             continue;
 #endif
-        m->state[ENDED] = 2.0;
-        return own_FAILED;
+        return fail(m);
     }
 }
 
@@ -717,6 +727,20 @@ static int holds(Judging *j, const Given *given, void (*rule)(const Given *, Jud
 }
 #endif
 
+/* Takes all numbers out of a result: one that is left to robodyn has none. */
+static int without(own_loop_result *result, int reason)
+{
+    int k;
+
+    result->time = result->time_error = (double)NAN;
+    for (k = 0; k < NQ; ++k)
+        result->q[k] = result->q_error[k] = (double)NAN;
+    for (k = 0; k < NV; ++k)
+        result->qd[k] = result->qd_error[k] = (double)NAN;
+    result->event = -1;
+    return reason;
+}
+
 static void fill(own_loop_result *result, const Made *first, const double *errors)
 {
     int k;
@@ -851,18 +875,18 @@ int own_loop_run(own_loop_room *room, const double values[own_KEY_ROOM], own_loo
     if (!reason)
         reason = set_start(&j->run, values);
     if (reason)
-        return reason;
+        return without(result, reason);
 #if SLOW
     loop_jacobian((char *)j->run.x, (char *)j->run.table, (char *)j->run.results);
     given.jacobian = j->run.results;
     if (!holds(j, &given, rule_slow))
-        return REASON_slow;
+        return without(result, REASON_slow);
 #endif
 #if LOCKS
     loop_psi((char *)j->run.x, (char *)j->run.table, (char *)j->run.results);
     given.psi = j->run.results;
     if (!holds(j, &given, rule_regular_start))
-        return REASON_regular_start;
+        return without(result, REASON_regular_start);
 #endif
     row_of(&FIRST, &given, j->scratch, w, &steps);
     drive(j, &FIRST, w, steps, j->run.x, j->first_out, &first);
@@ -870,10 +894,11 @@ int own_loop_run(own_loop_room *room, const double values[own_KEY_ROOM], own_loo
     result->steps = (int)first.steps;
     result->event = first.event;
     if (!first.arrived)
-        return LOCKS && first.status == STATUS_DONE ? REASON_no_lock : REASON_ended;
+        return without(result, LOCKS && first.status == STATUS_DONE ? REASON_no_lock : REASON_ended);
 #if LOCKS
-    return judge_lock(j, &first, result, samples);
+    reason = judge_lock(j, &first, result, samples);
 #else
-    return judge_end(j, &first, result, samples);
+    reason = judge_end(j, &first, result, samples);
 #endif
+    return reason ? without(result, reason) : 0;
 }
