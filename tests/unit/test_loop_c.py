@@ -178,7 +178,7 @@ def test_c_gives_what_the_program_gives(name: str, tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_stops_with_friction_are_followed_for_all_values(tmp_path: Path) -> None:
+def test_stops_with_friction_are_followed_in_c(tmp_path: Path) -> None:
     """Kinks that lie within rounding of a step's start or of their bracket's end, or are met so slowly that they are
     zero for many times the resolution: C has nobody to ask about them."""
     (tmp_path / "scene.yaml").write_text(PENDULUM, encoding="utf-8")
