@@ -98,7 +98,7 @@ def check(text: str, command: Callable[[Any], Result]) -> None:
             continue
         scaled = math.ldexp(value, power(unit))
         if steps[:2] == ("control", "tracking") and "errors" in steps:  # they count rounding of all positions
-            scaled = pytest.approx(scaled, abs=1e-14)
+            scaled = pytest.approx(scaled, abs=1e-12)
         assert again[steps] == scaled, (steps, unit)
     for (key, value, unit), (_, moved, _) in zip(named(one.summary), named(other.summary)):
         assert np.all(np.ldexp(value, power(unit)) == np.array(moved)), (key, unit)
