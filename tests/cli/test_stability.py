@@ -29,7 +29,7 @@ def in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     attempts = stability_suite.attempts
 
     def some(scene: Any, ref: Any, budget: Any, names: list[str]) -> Any:
-        first, others = 4 * next(places), names[1:]
+        first, others = OTHERS * next(places), names[1:]
         return attempts(
             scene, ref, budget, [names[0], *(others[(first + k) % len(others)] for k in range(OTHERS))]
         )
@@ -48,7 +48,8 @@ def test_suite_quick(in_turn: None, tmp_path: Path) -> None:
             assert trial["status"] in ("stable", "inaccurate", "diverged", "too_slow", "unsupported"), name
     tried = [name for case in summary["cases"] for name in case["methods"]]
     assert tried.count("auto") == len(CASES)
-    assert set(tried) == set(summary["methods"]) and all(tried.count(name) >= 8 for name in set(tried))
+    counts = {name: tried.count(name) for name in tried}
+    assert set(counts) == set(summary["methods"]) and min(counts.values()) >= 7, counts
     assert (tmp_path / "stability_suite.png").stat().st_size > 10_000
     assert (tmp_path / "spring_1e6.yaml").exists()
     assert read(tmp_path / "result.h5")["suite/relative_error"].shape[0] == len(CASES)

@@ -164,10 +164,11 @@ def locate_event_function(count: int, closings: bool) -> Function:
         with f.loop() as rounds:
             x, g = secants.try_next(given_up)
             with f.when(f.compare("oeq", g, 0.0)):
-                secants.step_over_zero(x)
+                # zero belongs to neither side
+                f.store(x + secants.half, secants.x)
                 rounds.again()
             after, beyond = secants.note(x, g)
-            near = f.compare("ole", beyond, secants.resolution) | secants.is_short() | secants.is_past_zero(x)
+            near = f.compare("ole", beyond, secants.resolution) | secants.is_short()
             with f.when(after & near):
                 rounds.leave(_alone(f, count, closings))
                 given_up.leave(secants.is_short())
@@ -186,43 +187,21 @@ class _Secants:
         self.f, self.count, self.trials = f, count, trials
         self.before, self.after = "%bracket", f.offset("%bracket", 1 + count)
         self.x, self.slope, self.old_x, self.old_g = f.slot(), f.slot(), f.slot(), f.slot()
-        self.zero, self.gap = f.slot(), f.slot()
         self.rounds = f.int_slot()
         self.start = f.load(f.offset("%w", DoubleSlot.T))
         high = f.load(f.offset("%w", DoubleSlot.EVENT_HIGH))
-        self.resolution = f.max(f.abs(self.start), f.abs(high)) * FINE
-        # dense output and trial steps differ by rounding, so a root may lie a little behind its bracket
-        self.end = f.min(high + self.resolution * TELLING, f.load(f.offset("%w", DoubleSlot.T_END)))
+        self.end = f.min(high, f.load(f.offset("%w", DoubleSlot.T_END)))
+        self.resolution = f.max(f.abs(self.start), f.abs(self.end)) * FINE
         self.half = self.resolution * 0.5
         self.which = f.load_int(f.offset("%n", IntegerSlot.EVENT))
         slope = f.load(f.offset("%w", DoubleSlot.EVENT_SLOPE))
         self.rising = f.compare("ogt", slope, 0.0)
-        guess = f.load(f.offset("%w", DoubleSlot.EVENT_GUESS))
-        armed = f.load(f.offset(f.offset("%w", DoubleSlot.SIZE), self.which))
-        # a function that is zero from the start has no sign to change there
-        f.store(f.select(f.compare("oeq", armed, 0.0), guess, self._inside(guess, self.start)), self.x)
+        f.store(f.load(f.offset("%w", DoubleSlot.EVENT_GUESS)), self.x)
         f.store(slope, self.slope)
-        for place in (self.before, self.after, self.old_x, self.zero):
+        for place in (self.before, self.after, self.old_x):
             f.store(float("nan"), place)
         f.store(0.0, self.old_g)
-        f.store(self.half, self.gap)
         f.store_int(0, self.rounds)
-
-    def _inside(self, aim: Value, x: Value) -> Value:
-        """Return the next time after x: an aim that rounding may have moved to the step's start, or beyond its end.
-
-        Error control shortens steps until they end at a kink: it then lies within rounding of the next one's start.
-        """
-        f = self.f
-        aim = f.select(f.compare("ole", aim, self.start), self.start + self.half, aim)
-        # what has no sign change at the end has none to be found here
-        last = f.compare("ogt", aim, self.end) & f.compare("olt", x, self.end)
-        return f.select(last, self.end, aim)
-
-    def _low(self) -> Value:
-        """Return the latest time that is known to lie before the root: the start where no trial step was."""
-        f, before = self.f, self.f.load(self.before)
-        return f.select(f.compare("ogt", before, self.start), before, self.start)
 
     def try_next(self, given_up: Block) -> tuple[Value, Value]:
         """Return the time of a trial step to x, and the function there."""
@@ -256,36 +235,20 @@ class _Secants:
         f.store(g, self.old_g)
         return after, f.abs(g / slope)
 
-    def step_over_zero(self, x: Value) -> None:
-        """Go on behind a time at which the function is zero, which belongs to neither side.
-
-        A function that rises slowly is zero, by rounding, for many times the resolution: steps double.
-        """
-        f = self.f
-        gap = f.load(self.gap)
-        f.store(x, self.zero)
-        f.store(self._inside(x + gap, x), self.x)
-        f.store(gap * 2.0, self.gap)
-
-    def is_past_zero(self, x: Value) -> Condition:
-        """Return whether the function has been zero at a time before x: rounding then hides where it was last."""
-        return self.f.compare("ogt", x, self.f.load(self.zero))
-
     def is_short(self) -> Condition:
         """Return whether the bracket is as short as rounding allows."""
         f = self.f
-        return f.compare("ole", f.load(self.after) - self._low(), self.resolution)
+        return f.compare("ole", f.load(self.after) - f.load(self.before), self.resolution)
 
     def aim(self, x: Value, after: Condition, beyond: Value) -> None:
         """Choose the next time: the end of a bracket that is as short as rounding allows."""
         f = self.f
-        a, b = self._low(), f.load(self.after)
+        a, b = f.load(self.before), f.load(self.after)
         distance = beyond + self.half
         aim = f.select(after, x - distance, x + distance)
-        # comparisons with a later end that is not known yet are false
+        # comparisons with an end that is not known yet are false
         out = f.compare("ole", aim, a) | f.compare("oge", aim, b)
-        aim = f.select(self.is_short(), b, f.select(out, (a + b) * 0.5, aim))
-        f.store(self._inside(aim, x), self.x)
+        f.store(f.select(self.is_short(), b, f.select(out, (a + b) * 0.5, aim)), self.x)
 
 
 def _arm(f: Function, count: int) -> None:
