@@ -237,8 +237,7 @@ def test_an_event_at_a_breakpoint_or_where_a_run_resumes_is_not_lost(method: str
         ],
     )  # fmt: skip
     found, _ = events_of(body, method, (0.0, 1.0), 3.0, **options(method))
-    assert [e.name for e in found] == ["rises"]
-    assert abs(found[0].time - 1.0) <= 1e-15, "a step begins at zero, and the first time beyond is the event"
+    assert [(e.name, e.time) for e in found] == [("rises", 1.0)]
     plain = system(
         1, lambda t, q, v, z, p: [0.0 * q[0] + 0.0],
         events=lambda t, q, v, z, p: [EventFunction("pass", q[0] - 0.75, +1)],
