@@ -206,6 +206,15 @@ inverse: {samples: 5}"""
         crosscheck(load_scene_text(text), engine)
 
 
+def test_links_that_mujoco_does_not_take_are_named() -> None:
+    """Those of the Puma: one without mass, one whose measured moments no body has. MuJoCo itself names a line of XML."""
+    with pytest.raises(CapabilityError) as refused:
+        crosscheck(load_scene(CONFIGS / "benchmarks" / "puma560.yaml"), "mujoco")
+    told = refused.value.message
+    assert "'link1' (mass 0 kg, principal moments 0, 0, 0.35 kg m^2), 'link3' (mass 4.8 kg" in told
+    assert "none of them above the sum of the others" in told and "link2" not in told and "line" not in told
+
+
 def test_commands_that_are_not_compared_are_refused_by_name() -> None:
     scene = dataclasses.replace(load_scene_text(chain(["revolute"])), command="statics")
     with pytest.raises(

@@ -148,7 +148,7 @@ class InMujoco(engine.PeerEngine):
         try:
             self.model = mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
-            raise CapabilityError(f"MuJoCo does not take the mechanism: {error}") from None
+            raise _refused(model, " ".join(str(error).split())) from None
         self.data = mujoco.MjData(self.model)
         self.flying = [body for body in model.bodies if body.joint.type == "floating"]
         self.body = {BASE: 0}
@@ -217,6 +217,27 @@ class InMujoco(engine.PeerEngine):
         ours = self.in_our_order(J) @ T
         a = rate @ data.qvel + ours @ self._drift(v)
         return engine.PeerPlace(p, R @ engine.real(frame.R), ours, a, J[:3] @ data.qvel)
+
+
+LEAST = 1e-14  # mass [kg] and principal moments [kg m^2] of bodies that MuJoCo takes
+
+
+def _refused(model: Model, why: str) -> CapabilityError:
+    """Return the error of a mechanism that MuJoCo refuses: links that it does not take, else why in its own words."""
+    bad = []
+    for body in model.bodies:
+        mass, _, inertia = engine.mass_properties(body)
+        A, B, C = (float(x) for x in np.linalg.eigvalsh(inertia))
+        if mass < LEAST or A < LEAST or C > A + B:
+            bad.append(
+                f"{body.name!r} (mass {mass:.4g} kg, principal moments {A + 0.0:.4g}, {B:.4g}, {C:.4g} kg m^2)"
+            )
+    if not bad:
+        return CapabilityError(f"MuJoCo does not take the mechanism: {why}")
+    return CapabilityError(
+        f"MuJoCo does not take link {', '.join(bad)}; allowed: bodies with mass and three positive principal moments, "
+        "none of them above the sum of the others"
+    )
 
 
 def _mjcf(model: Model) -> str:
