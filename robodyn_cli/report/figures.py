@@ -125,7 +125,8 @@ def _coordinates(result: Result) -> dict[str, str]:
 
 
 def shown_units(result: Result) -> Callable[[str], str]:
-    """Return what gives the unit of a key of the summary; empty where it is none, or stands in words beside it."""
+    """Return what gives the unit of a key of the summary, empty where it is none; the word ``unit`` is in it where it
+    stands beside the key."""
     coordinates = _coordinates(result)
 
     def unit_of(key: str) -> str:
@@ -133,9 +134,19 @@ def shown_units(result: Result) -> Callable[[str], str]:
         unit = leaf.unit(coordinates) if leaf is not None and leaf.is_number else ""
         if unit == POLE_UNIT:
             unit = "per sample" if "period" in result.summary[key.partition(".")[0]] else "1/s"
-        return "" if unit == "1" or "unit" in unit else unit
+        return "" if unit == "1" else unit
 
     return unit_of
+
+
+def shown_errors(result: Result) -> Callable[[str], Sequence[str]]:
+    """Return what gives the keys of the summary that state the error of a key, as they are declared."""
+
+    def errors_of(key: str) -> Sequence[str]:
+        leaf = leaf_of(result.command, key) if result.command in COMMANDS else None
+        return leaf.errors if leaf is not None and leaf.is_number else ()
+
+    return errors_of
 
 
 def _error_of(result: Result, *steps: str) -> float | None:

@@ -134,6 +134,7 @@ class StudySummary:
     )
     seconds: float = fact("wall time of the runs", "s")
     yield_: Share | Absent = fact("share of runs that hold all that the scene expects", default=ABSENT)
+    least_yield: float | Absent = fact("share that `--yield` asks for", default=ABSENT)
 
 
 @record

@@ -19,19 +19,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from robodyn_cli.cli.app import run
 from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.report.canvas import below_heading
-from robodyn_cli.report.figures import shown_units
+from robodyn_cli.report.figures import shown_errors, shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.page import Shown, _plot, make_page
+from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import (
     Html,
     Quantity,
     element,
     errors_of,
     json_block,
-    summary_tables,
+    typeset,
+    within,
     written,
 )
+from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.moments import Moment
@@ -239,10 +242,10 @@ def test_figures_of_a_page_have_their_units() -> None:
         peak = written(Quantity(result.summary["joints"][key]["peak_torque"], unit))
         assert peak.endswith(f" {unit}") and f">{peak}</td>" in text, peak
     low, high = result.summary["joints"]["slide"]["torque_range"]
-    assert f"{written([low, high])} N</td>" in text
+    assert f"{written(low)} to {written(high)} N</td>" in text
     assert f"{written(result.summary['wall_time_s']['total'])} s</td>" in text
     study = Result("sweep", "", "ok", "", summary={"results": {"lock.time": {"minimum": 1.5, "unit": "s"}}})
-    assert ">1.5</td>" in "".join(summary_tables(study.summary, shown_units(study)))
+    assert ">1.5 s</td>" in "".join(summary_tables(study.summary, shown_units(study)))
 
 
 @pytest.mark.parametrize("law, unit", [("", "1/s"), ("period: 0.01, ", "per sample")])
@@ -256,7 +259,7 @@ def test_tables_of_poles_and_modes_have_plain_figures_and_units(law: str, unit: 
     for mode in result.summary["modes"]:
         assert f">{written(Quantity(mode['real'], '1/s'))}<" in text
         amplitude, phase = mode["shape"]["theta1"]
-        assert f"theta1 {written([amplitude, Quantity(phase, 'rad')])}" in text
+        assert f">{written([amplitude, Quantity(phase, 'rad')])}<" in text and ">shape: theta1<" in text
     for word in ("Quantity", "of·a·sampled", "and·rad"):
         assert word not in text
 
@@ -276,6 +279,86 @@ def test_the_plan_is_on_the_page(tmp_path: Path) -> None:
         assert f'<th scope="row">{escape(term["term"])}</th>{number}<td>{escape(term["reason"])}</td>' in page
     assert run(["report", str(stored), "--file", str(target), "--quiet", "--no-plan"]) == 0
     assert "Terms kept" not in target.read_text(encoding="utf-8")
+
+
+def test_a_number_with_its_error_covers_the_number() -> None:
+    """What is printed, plus and minus the printed error, holds the value plus and minus its own."""
+    random = np.random.default_rng(5)
+    for value, error in zip(random.normal(size=300) * 10.0 ** random.integers(-9, 9, 300), 10.0 ** random.uniform(-14, 6, 300)):  # fmt: skip
+        shown = within(float(value), float(error)).replace("−", "-")
+        plain = re.sub(
+            "·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)",
+            lambda m: "e" + m[1].translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")),
+            shown,
+        )
+        middle, off = map(float, plain.split(" ± "))
+        room = 1e-15 * abs(value)
+        assert middle - off <= value - error + room and value + error <= middle + off + room, (
+            value,
+            error,
+            shown,
+        )
+        assert off <= 2.6 * max(error, 2e-15 * abs(value)), "no more than its first digit is rounded"
+    assert within(-4.0e-14, 9e-12) == "0 ± 1·10⁻¹¹"
+    assert within(9.1455, 17.4) == "10 ± 20" and within([1.25, -2.5], 0.001) == "1.250, −2.500 ± 0.001"
+    assert typeset("2.626 ± 7e-12 N m") == "2.626 ± 7·10⁻¹² N·m" and typeset("-0.5 at q-1") == "−0.5 at q-1"
+
+
+def test_nested_values_are_tables_with_errors_beside() -> None:
+    """No cell of the duty of motors holds names and numbers in a row; errors stand beside what they are of."""
+    result = inverse(load_scene(CONFIGS / "2r_drives.yaml"))
+    text = "".join(summary_tables(result.summary, shown_units(result), shown_errors(result)))
+    cells = [html.unescape(cell) for cell in re.findall("<td[^>]*>(.*?)</td>", text)]
+    assert not [cell for cell in cells if re.search(r"[a-z]_[a-z]+ [\d−]", cell)]
+    for name, drive in result.summary["drives"].items():
+        margin = within(drive["margin"], drive["errors"]["margin"])
+        use = drive["limits"]["peak"]
+        assert margin in cells and within(use["use"], use["use_error"]) in cells, name
+    assert "use error" not in text and ">units<" not in text
+
+
+def test_matrices_and_maps_alike_stand_side_by_side() -> None:
+    summary = {
+        "m": [[1.0, -2.0], [3.0, 4.5]],
+        "end": {"time": 2.0, "q": {"a": 1.0, "b": 2.0}, "qd": {"a": 3.0, "b": 4.0}},
+    }
+    text = "".join(summary_tables(summary, lambda key: ""))
+    assert '<th scope="row">1</th><td class="number">1</td><td class="number">−2</td>' in text
+    assert '<th scope="row">a</th><td class="number">1</td><td class="number">3</td>' in text
+
+
+@pytest.mark.parametrize(
+    "status, summary, words, alarming",
+    [
+        ("ok", {}, ["ok", "no warnings"], []),
+        ("ok", {"stability": "unstable"}, ["ok", "unstable"], ["unstable"]),
+        ("ok", {"stability": "unstable", "closed_loop": {"stability": "stable", "about": "x", "poles": []}},
+         ["ok", "unstable without control", "stable with the controller"], []),
+        ("undersized", {"drives": {"a": {"passes": False}, "b": {"passes": True}}},
+         ["undersized", "drive too small: a"], ["undersized", "drive too small: a"]),
+        ("ok", {"motorisation": {"a": {"met": True}}}, ["ok", "margins of motorisation suffice"], []),
+        ("ok", {"error_estimate": {"meaningful_until": 4.25}}, ["ok", "not meaningful after 4.25 s"],
+         ["not meaningful after 4.25 s"]),
+        ("failed", {"termination": {"time": 0.5, "reason": "steps"}}, ["failed", "ended at 0.5 s"],
+         ["failed", "ended at 0.5 s"]),
+        ("ok", {"warnings": ["a", "b"]}, ["ok", "2 warnings"], ["2 warnings"]),
+        ("ok", {"failed": {"share": 0.25}}, ["ok", "25 % of the runs failed"], ["25 % of the runs failed"]),
+    ],
+)  # fmt: skip
+def test_the_header_says_what_became_of_a_run(
+    status: str, summary: dict[str, Any], words: list[str], alarming: list[str]
+) -> None:
+    result = Result("simulate", "t", status, FOUR_BAR, summary={"status": status, **summary})
+    found = verdicts(result)
+    assert [one.words for one in found] == words and [one.words for one in found if one.alarming] == alarming
+    assert all(f">{escape(one.words)}</strong>" in make_page([Shown("r", result)]) for one in found)
+
+
+def test_a_yield_that_nobody_asked_for_is_not_shown() -> None:
+    share = {"share": 0.0, "low": 0.0, "high": 0.2}
+    for summary, there in (({"yield": share}, False), ({"yield": share, "least_yield": 0.9}, True),
+                           ({"yield": {**share, "share": 0.5}}, True)):  # fmt: skip
+        assert ("yield</" in "".join(summary_tables(summary, lambda key: ""))) is there
 
 
 # -- pages ----------------------------------------------------------------------------------------------------

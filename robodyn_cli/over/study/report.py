@@ -68,6 +68,7 @@ def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) ->
         sobol_indices=findings.sobol_indices() if study.design.indices else ABSENT,
         seconds=seconds,
         yield_=findings.share(findings.held) if study.scene.expect else ABSENT,
+        least_yield=ABSENT if options.least_yield is None else options.least_yield,
     )
     result.summarise(summary)
     return result

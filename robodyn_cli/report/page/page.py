@@ -17,14 +17,16 @@ from matplotlib.transforms import Bbox
 from robodyn_cli.record import record
 from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
-from robodyn_cli.report.figures import notes, shown_units
+from robodyn_cli.report.figures import notes, shown_errors, shown_units
 from robodyn_cli.report.page import tables
 from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned, looks
 from robodyn_cli.report.page.motion import motion_data
+from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
+from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.report.style import number, styled
-from robodyn_cli.report.time_sheet import decisive_text, lost_note
+from robodyn_cli.report.time_sheet import lost_note
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
@@ -77,7 +79,7 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
         tables.main_figures(result),
         _plots(result, store, moving),
         element("h3", "Summary"),
-        element("div", tables.summary_tables(result.summary, shown_units(result)), class_="tables"),
+        _summary(result),
     ]
     if shown.plan is not None:
         parts += [element("h3", "Plan"), tables.plan_tables(shown.plan)]
@@ -90,22 +92,28 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
     return element("section", parts, id=f"result-{place}", data_result=True)
 
 
+def _summary(result: Result) -> Html:
+    found = summary_tables(result.summary, shown_units(result), shown_errors(result))
+    return element("div", found, class_="tables")
+
+
 def _head(shown: Shown, alone: bool) -> Html:
     """Return what stands above: title, status, command, what happened, and what is to be known of the result."""
     result = shown.result
-    words: list[str] = [
-        element("strong", result.status.replace("_", " "), class_="status"),
-        f" {result.command}",
+    told = [
+        element("strong", one.words, class_="status alarm" if one.alarming else "status")
+        for one in verdicts(result)
     ]
+    words: list[Any] = [element("span", result.command, class_="label")]
     words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
-    alarms = [*filter(None, [decisive_text(moments(result))]), *lost_note(result)]
     said = [
-        element("li", note, class_="alarm" if note.startswith(ALARMS) else None) for note in notes(result)
+        element("li", tables.typeset(note), class_="alarm" if note.startswith(ALARMS) else None)
+        for note in notes(result)
     ]
     parts = [
         element("h1" if alone else "h2", result.title or shown.label),
-        element("p", words),
-        [element("p", alarm, class_="alarm") for alarm in alarms],
+        element("p", [told, words], class_="verdicts"),
+        [element("p", alarm, class_="alarm") for alarm in lost_note(result)],
         element("ul", said, class_="notes") if said else None,
     ]
     return markup(parts)

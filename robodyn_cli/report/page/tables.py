@@ -1,6 +1,6 @@
 """HTML, in which every text that is not markup itself is escaped.
 
-Tables of what a result says in words and numbers: its summary, its plan, errors beside figures, where it is from.
+Tables of what a result says in words and numbers: main figures, its plan, errors beside figures, where it is from.
 """
 
 from __future__ import annotations
@@ -8,17 +8,20 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
+from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.report import figures
-from robodyn_cli.report.style import number, unit
+from robodyn_cli.report.cells import is_number
+from robodyn_cli.report.style import number, power, unit
 from robodyn_cli.report.time_sheet import told
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
+from robodyn_cli.summaries.facts import rounded_up
 
-UnitOfKey = Callable[[str], str]
 VOID = ("input", "meta", "img", "br")
 
 
@@ -62,47 +65,25 @@ def json_block(data: Any, identifier: str) -> Html:
 
 
 DIGITS = 6
+DOUBLE = 15  # digits of a number behind its first
 MOST_ROWS = 200  # of a table of runs
 MOST_ITEMS = 60  # of a list in a cell
-EACH = " and "  # between the units of the numbers of a list
-
-# told elsewhere on the page
-APART = ("status", "command", "title", "definitions", "outputs", "scene_file", "run_id")
 
 
 @record
 class Quantity:
-    """A number of a summary, or a list of them, with its unit."""
+    """A number of a summary, or a list of them, with its unit and the error that the summary states of it."""
 
     value: Any
-    unit: str
-
-
-def with_units(value: Any, unit_of: UnitOfKey, key: str = "") -> Any:
-    """Return a value of a summary with its numbers as quantities; those that have no unit stay as they are."""
-    if isinstance(value, Mapping):
-        return {
-            name: with_units(item, unit_of, f"{key}.{name}" if key else name) for name, item in value.items()
-        }
-    if isinstance(value, list | tuple) and any(isinstance(item, Mapping | list | tuple) for item in value):
-        return [with_units(item, unit_of, f"{key}.{k}") for k, item in enumerate(value)]
-    first = value[0] if isinstance(value, list | tuple) and value else value
-    if isinstance(first, bool) or not isinstance(first, int | float):
-        return value
-    symbol = unit_of(f"{key}.0" if first is not value else key)
-    if first is not value and len(own := symbol.split(EACH)) > 1:
-        return [_quantity(x, "" if one == "1" else one) for x, one in zip(value, own, strict=True)]
-    return _quantity(value, symbol)
-
-
-def _quantity(value: Any, symbol: str) -> Any:
-    return Quantity(value, symbol) if symbol else value
+    unit: str = ""
+    error: float | None = None
 
 
 def written(value: Any) -> str:
     """Return a value as it stands in a cell: numbers with six digits, lists with commas."""
     if isinstance(value, Quantity):
-        return f"{written(value.value)} {unit(value.unit)}"
+        text = written(value.value) if value.error is None else within(value.value, value.error)
+        return f"{text} {unit(value.unit)}" if value.unit else text
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:
@@ -119,6 +100,57 @@ def written(value: Any) -> str:
     return str(value)
 
 
+def within(value: Any, error: float) -> str:
+    """Return numbers with the digits that their error leaves, and the error: it covers what rounding takes away."""
+    values = value if isinstance(value, list | tuple) else [value]
+    if not error > 0.0 or not math.isfinite(error) or not all(map(is_number, values)):
+        return written(value)
+    last = max(math.floor(math.log10(error)), *(place_of(x) - DOUBLE for x in values))
+    kept = [float(Decimal(x).quantize(Decimal(1).scaleb(last), ROUND_HALF_EVEN)) for x in values]
+    off = error + max(abs(x - y) for x, y in zip(values, kept))
+    error = rounded_up(off, 1)
+    return f"{', '.join(_with_place(x, last) for x in kept)} ± {_with_place(error, place_of(error))}"
+
+
+def place_of(x: float) -> int:
+    """Return the power of ten of the first digit of a number."""
+    return math.floor(math.log10(abs(x))) if x else -400
+
+
+def _with_place(x: float, last: int) -> str:
+    """Return a number whose last digit is that of ten to the power ``last``."""
+    if x == 0.0:
+        return "0"
+    first = place_of(x)
+    digits = max(1, first - last + 1)
+    if (first >= -4 or last >= -4) and last < 4 and first < 15:
+        return f"{x:.{max(0, -last)}f}".replace("-", "−")
+    mantissa, exponent = f"{x:.{digits - 1}e}".split("e")
+    return (
+        f"{mantissa}·{power(int(exponent))}".replace("-", "−")
+        if int(exponent)
+        else mantissa.replace("-", "−")
+    )
+
+
+NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-]?\d+))?(?![\w.])")
+PRODUCT = re.compile(r"(?<=\bN) (?=[ms]\b)|(?<=\bm) (?=s\b)")  # a space that stands for a product of units
+
+
+def typeset(text: str) -> str:
+    """Return words as printed: numbers with true minus signs and powers of ten, products and powers of units."""
+
+    if text == "-":
+        return "–"
+
+    def one(found: re.Match[str]) -> str:
+        sign, mantissa, exponent = found.groups()
+        raised = f"·{power(int(exponent))}" if exponent else ""
+        return f"{'−' if sign else ''}{mantissa}{raised}"
+
+    return PRODUCT.sub("·", NUMBER.sub(one, text.replace("^2", "²").replace("^3", "³")))
+
+
 def named(key: str) -> str:
     """Return a key in words, without the unit that some end with."""
     return key.removesuffix("_s").replace("_", " ")
@@ -128,7 +160,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | Non
     """Return a table whose first column names its rows; numbers are set to the right."""
     top = [element("caption", caption)] if caption else []
     if any(head):
-        top.append(element("thead", element("tr", [element("th", name, scope="col") for name in head])))
+        right = [any(_is_plain_number(row[k]) for row in rows if k < len(row)) for k in range(len(head))]
+        names = [
+            element("th", name, scope="col", class_="number" if k and right[k] else None)
+            for k, name in enumerate(head)
+        ]
+        top.append(element("thead", element("tr", names)))
     cells = [[_cell(x, aligned=any(head)) for x in row[1:]] for row in rows]
     body = [
         element("tr", element("th", written(row[0]), scope="row"), rest) for row, rest in zip(rows, cells)
@@ -138,80 +175,21 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | Non
 
 def _cell(value: Any, aligned: bool) -> Html:
     """Return a cell; numbers of columns that are to be compared are ``aligned`` to the right."""
+    return element("td", written(value), class_="number" if aligned and _is_plain_number(value) else None)
+
+
+def _is_plain_number(value: Any) -> bool:
     inner = value.value if isinstance(value, Quantity) else value
-    plain = isinstance(inner, int | float) and not isinstance(inner, bool)
-    return element("td", written(value), class_="number" if plain and aligned else None)
+    return isinstance(inner, int | float) and not isinstance(inner, bool)
 
 
 def main_figures(result: Result) -> Html | None:
     """Return the main figures of a result with their errors, None of a command that has none."""
-    parts = [_first_rows(one.head, one.rows) for one in figures.tables(result)]
+    parts = [
+        table(one.head, [[typeset(str(cell)) for cell in row] for row in one.rows[:MOST_ROWS]])
+        for one in figures.tables(result)
+    ]
     return element("div", element("h3", "Main figures"), parts) if parts else None
-
-
-def summary_tables(summary: Mapping[str, Any], unit_of: UnitOfKey) -> list[Html]:
-    """Return the tables of a summary: its plain entries first, then one for each entry that holds several.
-
-    unit_of : the unit of a key, empty where there is none to show.
-    """
-    definitions = summary.get("definitions")
-    meaning = definitions if isinstance(definitions, Mapping) else {}
-    facts = with_units({key: value for key, value in summary.items() if key not in APART}, unit_of)
-    parts = _entry_tables(facts, is_open=True)
-    if meaning:
-        rows = [(named(key), text) for key, text in meaning.items()]
-        parts.append(_folded("definitions", [table(("", ""), rows)], is_open=False))
-    return parts
-
-
-def _entry_tables(facts: Mapping[str, Any], is_open: bool) -> list[Html]:
-    """Return the table of the plain entries, and below it those of the others, which can be folded away."""
-    nested = {key: value for key, value in facts.items() if _holds_several(value)}
-    plain = [(named(key), value) for key, value in facts.items() if key not in nested]
-    parts = [table(("", ""), plain)] if plain else []
-    for key, value in nested.items():
-        parts.append(_folded(named(key), _nested(value), is_open))
-    return parts
-
-
-def _holds_several(value: Any) -> bool:
-    if isinstance(value, Mapping):
-        return len(value) > 0
-    return (
-        isinstance(value, Sequence)
-        and not isinstance(value, str)
-        and any(isinstance(x, Mapping) for x in value)
-    )
-
-
-def _nested(value: Any) -> list[Html]:
-    if not isinstance(value, Mapping):
-        return [_rows([item for item in value if isinstance(item, Mapping)])]
-    if all(isinstance(item, Mapping) and item for item in value.values()):
-        return [_rows([{"": name, **item} for name, item in value.items()])]
-    return _entry_tables(value, is_open=False)
-
-
-def _rows(items: Sequence[Mapping[str, Any]]) -> Html:
-    """Return a table with an item a row."""
-    columns = list(dict.fromkeys(key for item in items[:MOST_ROWS] for key in item))
-    return _first_rows(
-        [named(key) for key in columns], [[item.get(key, "") for key in columns] for item in items]
-    )
-
-
-def _first_rows(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> Html:
-    """Return a table of as many rows as a page may have, which says so where that leaves some out."""
-    left_out = f"The first {MOST_ROWS} of {len(rows)} rows; all of them are in the result's files."
-    return table(head, rows[:MOST_ROWS], left_out if len(rows) > MOST_ROWS else None)
-
-
-def _folded(title: str, content: list[Html], is_open: bool) -> Html:
-    """Return tables that can be folded away; those with several columns go across the page."""
-    broad = any("<thead>" in table for table in content)
-    return element(
-        "details", element("summary", title), content, open=is_open, class_="broad" if broad else None
-    )
 
 
 def errors_of(summary: Mapping[str, Any], path: str) -> Html | None:
