@@ -27,6 +27,7 @@ from robodyn_cli.report.curves import (
     nothing_note,
 )
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near
+from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.style import PlainFormatter, degree_axis, error_number, labelled, number, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
@@ -197,7 +198,7 @@ class TimeSheet(Sheet):
         shows : the dataset, or group of them, whose errors are told; empty where errors are drawn. nothing : what is
         said of columns that are drawn as zero.
         """
-        self.moments = moments(result)
+        self.moments, self.looks = moments(result), looks_of(result)
         self._result, self._shows, self._counted = result, shows, counted(self.moments)
         labels = [*layout.pop("labels", ()), *self._counted.values()]
         self._errors = [error_words(result, shows)] if shows else []
@@ -214,7 +215,8 @@ class TimeSheet(Sheet):
         styles: list[dict[str, Any]] | None = None,
         magnitudes: bool = False,
     ) -> list[Any]:
-        """Draw curves on a linear axis, with their errors; return a handle for each."""
+        """Draw curves on a linear axis, with their errors; return a handle for each. Looks are those of their names."""
+        styles = styles or self.looks.lines(shown.names)
         handles = draw_lines(ax, self._result.time, shown.lines(self._result.time), styles)
         make_room(ax, shown)
         fit_axis(ax, shown, magnitudes)
@@ -323,7 +325,7 @@ def panel_height(panels: int) -> float:
 
 def draw_groups(sheet: TimeSheet, shown: DrawnCurves, groups: Sequence[list[int]]) -> list[Any]:
     """Draw each group of columns in a panel of its own; return the handles in the order of the columns."""
-    styles = style.line_styles(shown.data.shape[1])
+    styles = sheet.looks.lines(shown.names)
     handles: dict[int, Any] = {}
     for ax, columns in zip(sheet.axes, groups):
         handles.update(zip(columns, sheet.draw(ax, shown.part(columns), [styles[k] for k in columns])))

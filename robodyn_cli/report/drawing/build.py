@@ -16,7 +16,6 @@ from robodyn_cli.report.drawing.parts import (
     OF_PAYLOADS,
     Connections,
     Links,
-    colour_of,
     flown,
     payload_parts,
     put_payloads,
@@ -33,6 +32,7 @@ from robodyn_cli.report.drawing.places import (
 )
 from robodyn_cli.report.drawing.record import Drawing, Pin, Stretches, Trail
 from robodyn_cli.report.lines import finite
+from robodyn_cli.report.looks import POINTS, looks_of
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text
@@ -197,9 +197,10 @@ def _with_room(pins: Sequence[Pin], vertices: Array) -> tuple[Pin, ...]:
 def _trails(result: Result, problem: Problem) -> tuple[Trail, ...]:
     """Return the paths of the named points that move, and of payloads in flight."""
     trails = []
-    for place, (name, (times, path)) in enumerate(paths_of(result, problem).items()):
+    looks = looks_of(result)
+    for name, (times, path) in paths_of(result, problem).items():
         keep = evenly(len(path), TRAIL)
-        trails.append(Trail(name, times[keep], path[keep], colour_of(place)))
+        trails.append(Trail(name, times[keep], path[keep], looks.colour(name, POINTS)))
     for payload in problem.model.payloads:
         if f"flights/{payload.name}/time" in result:
             known = result[f"flights/{payload.name}/time"]

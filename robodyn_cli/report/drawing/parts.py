@@ -15,7 +15,7 @@ from robodyn_cli.model.model import BASE, Body, FixedFrame, Force, Loop, Model
 from robodyn_cli.model.parts import CarriedMass
 from robodyn_cli.report.drawing.places import DrawnExpressions
 from robodyn_cli.report.drawing.record import DrawnLatch, DrawnPart, Pin, Stretches
-from robodyn_cli.report.style import COLOURS
+from robodyn_cli.report.style import dashed_style
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.mesh.surfaces import CORNERS, surface_of
 from robodyn_cli.scene.points import carrier, point_link
@@ -27,13 +27,11 @@ FREE = 6  # velocities of a body that nothing holds
 GREY = "#9a9a9a"
 OF_PAYLOADS = "#4d4d4d"
 DENSITY = 2700.0  # of a cube for a payload whose inertia is not known [kg/m^3]
-# black and grey are those of outlines and of the ground; in the place of a second blue, as areas are pale, an olive
-LINK_COLOURS = (*(c for c in COLOURS if c not in ("#000000", "#7F7F7F", "#56B4E9")), "#A0A000")
 
 
-def colour_of(place: int) -> str:
-    """Return the colour of the link, or the trail, at a place in the order of the scene."""
-    return LINK_COLOURS[place % len(LINK_COLOURS)]
+def colour_of(body: Body) -> str:
+    """Return the colour of a link: that of the first coordinate of the joint that moves it."""
+    return str(dashed_style(body.q)["color"])
 
 
 def carriers(robot: Robot) -> dict[str, str]:
@@ -95,7 +93,7 @@ class Links:
         carried = {body.parent for body in self.model.bodies}
         barred = any(len(self.spots[body.name]) > 1 for body in self.model.bodies)
         for place, body in enumerate(self.model.bodies):
-            spots, colour = self.spots[body.name], colour_of(place)
+            spots, colour = self.spots[body.name], colour_of(body)
             centres = self._centres(place, body)
             # nothing but its centre of mass says where the body at the end of a chain is
             alone = len(spots) <= 1 and place not in carried
@@ -120,11 +118,11 @@ class Links:
 
     def _shapes(self) -> list[DrawnPart]:
         """Return the shapes that the scene gives to links, where these are known."""
-        place = {body.name: k for k, body in enumerate(self.model.bodies)}
+        colours = {body.name: colour_of(body) for body in self.model.bodies}
         shapes = []
         for link in self.scene.robot.links:
             frame, name = self.model.links[link.name], self.carrier[link.name]
-            colour = colour_of(place[name]) if name in place else GREY
+            colour = colours.get(name, GREY)
             for shape in link.visual:
                 made = surface_of(shape)
                 if made is None:
@@ -283,7 +281,7 @@ class Connections:
     """What holds the links of a scene together."""
 
     def __init__(self, scene: Scene, model: Model, links: Links, expressions: DrawnExpressions) -> None:
-        self.scene, self.links, self.expressions = scene, links, expressions
+        self.scene, self.model, self.links, self.expressions = scene, model, links, expressions
         self.parts: list[DrawnPart] = []
         self.pins: list[Pin] = []
         for k, body in enumerate(model.bodies):
@@ -309,7 +307,7 @@ class Connections:
         axes = [self.expressions.axis(k, vector(direction)) for direction in directions]
         about = tuple(sorted(springs)) if kind == "hinge" else ()
         self.pins.append(
-            Pin(kind, body.joint_name, end, _given(axes), colour_of(k), body.parent == BASE, about)
+            Pin(kind, body.joint_name, end, _given(axes), colour_of(body), body.parent == BASE, about)
         )
 
     def _closure(self, loop: Loop) -> None:
@@ -326,7 +324,7 @@ class Connections:
         direction = loop.element.axis or Z
         axes = _given([self.expressions.axis(loop.first.body, loop.first.R @ vector(direction))])
         ground = BASE in (loop.first.body, loop.second.body)
-        colour = colour_of(max(loop.second.body, 0))
+        colour = colour_of(self.model.bodies[max(loop.second.body, 0)])
         self.pins.append(Pin(kind, loop.name, second if kind in SLIDING else first, axes, colour, ground))
 
     def _force(self, force: Force) -> None:

@@ -193,8 +193,7 @@ def _ends(drawn: DrawnCurves) -> tuple[float, float]:
 
 def _styles(components: int) -> list[dict[str, Any]]:
     """Return the looks of the components, then that of the norm: heavy and black."""
-    looks = [look for look in style.line_styles(style.FEW) if look["color"] != "#000000"]
-    thin = [{**look, "linewidth": 1.1} for look in looks[:components]]
+    thin = [{**look, "linewidth": 1.1} for look in style.line_styles(components)]
     return [*thin, {"color": "#000000", "linestyle": "-", "linewidth": 1.8}]
 
 
@@ -289,7 +288,7 @@ def _draw_loads(sheet: TimeSheet, ax: Any, part: DrawnCurves) -> list[Any]:
     """Draw magnitudes, logarithmically where they are spread; small ones run out of the picture."""
     if _is_spread(part):
         low = float(part.data[part.data > 1e-3 * _typical(part)].min())
-        styles = style.line_styles(part.data.shape[1])
+        styles = sheet.looks.lines(part.names)
         return sheet.draw_log(ax, part, (low, float(part.top.max())), styles)
     handles = sheet.draw(ax, part, magnitudes=True)
     if np.any(part.data):

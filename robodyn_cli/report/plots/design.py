@@ -336,7 +336,7 @@ def fluctuation(result: Result) -> Any:
                 for name, one in told.items()],
     )  # fmt: skip
     handles: list[Any] = []
-    for ax, name, look in zip(sheet.axes, told, line_styles(len(told))):
+    for ax, name, look in zip(sheet.axes, told, sheet.looks.lines(list(told))):
         k = list(whole.names).index(name)
         handles += sheet.draw(ax, whole.part([k]), [look])
         ends = result.summary["extremes"][f"qd.{name}"]

@@ -11,6 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import labelled, log_axis, number, position_word
 from robodyn_cli.results.result import Result, column_names, units_of
@@ -279,7 +280,7 @@ def motorisation(result: Result) -> Any:
         captions=[f"Least ratio of {name}: {_ratio(one)}" for name, one in figures.items()],
     )
     handles: list[Any] = []
-    angles = dict(zip(column_names(result.variables["q"]), result["q"].T))
+    angles, looks = dict(zip(column_names(result.variables["q"]), result["q"].T)), looks_of(result)
     q = result.variables["q"]
     units = (
         " or ".join(dict.fromkeys(u for name, u in zip(column_names(q), units_of(q)) if name in names))
@@ -292,7 +293,7 @@ def motorisation(result: Result) -> Any:
             for kind in kinds:
                 x = over.get(name, result.time) if ax is sheet.axes[0] or name in over else NONE
                 y = _ratios(result, kind, k, highest)[: len(x)]
-                handles += ax.plot(x, y, color=style.COLOURS[k % len(style.COLOURS)], **RATIOS[kind])
+                handles += ax.plot(x, y, color=looks.colour(name), **RATIOS[kind])
                 drawn.append(y)
                 ways.append(x)
         handles.append(ax.axhline(required, color=style.ALARM, linewidth=1.0))

@@ -9,13 +9,15 @@ import numpy as np
 from robodyn_cli.report.curves import curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import error_number, number, positive_floor
+from robodyn_cli.report.style import BLACK, error_number, line_styles, number, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_error
 
-KINDS = ("kinetic", "potential", "total", "work")
+# each kind with its look, the same where another is not there: dashed, as the total often lies on the potential
+KINDS = dict(zip(("kinetic", "potential", "total", "work"), line_styles(4)))
+KINDS["total"] = {**KINDS["total"], "color": BLACK}
 
 
 @plot(lambda result: "energy/total" in result)
@@ -34,7 +36,7 @@ def energy(result: Result) -> Any:
     units = ["J"] * len(kinds)
     shown = curves(np.column_stack(list(columns.values())), labels, units, errors, {"J": level})
     sheet = TimeSheet(result, subtitle, "energy", shown.nothing, labels=labels)
-    handles = sheet.draw(sheet.ax, shown)
+    handles = sheet.draw(sheet.ax, shown, [KINDS[kind] for kind in kinds])
     sheet.ax.set_ylabel("energy [J]")
     sheet.finish(handles, labels)
     return sheet.figure

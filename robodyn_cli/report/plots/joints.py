@@ -11,6 +11,7 @@ from robodyn_cli.report import style
 from robodyn_cli.report.curves import DrawnCurves, curves, curves_of, fit_axis
 from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.lines import envelope, finite
+from robodyn_cli.report.looks import POINTS
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import error_number, labelled, load_label, number, position_word
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height, time_plot, unseen_note
@@ -60,7 +61,7 @@ def point_motion(result: Result) -> Any:
     )  # fmt: skip
     handles: list[Any] = []
     for ax, (shown, word, units) in zip(sheet.axes, panels):
-        handles = sheet.draw(ax, shown, magnitudes=True)
+        handles = sheet.draw(ax, shown, sheet.looks.lines(labels, POINTS), magnitudes=True)
         ax.set_ylabel(labelled(word, units))
         if np.any(shown.data):
             ax.set_ylim(bottom=0.0)
@@ -90,7 +91,7 @@ def point_coordinates(result: Result) -> Any:
     )  # fmt: skip
     handles: list[Any] = []
     for ax, (axis, one) in zip(sheet.axes, shown.items()):
-        handles = sheet.draw(ax, one)
+        handles = sheet.draw(ax, one, sheet.looks.lines(names, POINTS))
         ax.set_ylabel(f"{axis} [m]")
     sheet.finish(handles, names)
     return sheet.figure
@@ -150,7 +151,7 @@ def tracking(result: Result) -> Any:
         labels=labels,
         told=unseen_note(result, "control/torque"),
     )
-    looks = {name: style.dashed_style(i) for i, name in enumerate(_order(names, groups))}
+    looks = dict(zip(names, sheet.looks.lines(names)))
     axes, handles = list(sheet.axes), []
     for units, columns in groups:
         styles = [{**looks[names[k]], "linewidth": 1.5} for k in columns]
@@ -170,7 +171,8 @@ def tracking(result: Result) -> Any:
         ax.axhline(0.0, color=style.GREY, linewidth=0.6)
         ax.set_ylabel(f"error [{units}]")
     for units, columns in loads.items():
-        _torques(axes.pop(0), result, torque, columns, looks, units)
+        own = {**dict(zip(torque.names, sheet.looks.lines(torque.names))), **looks}
+        _torques(axes.pop(0), result, torque, columns, own, units)
     sheet.finish(handles, labels)
     return sheet.figure
 
@@ -205,11 +207,6 @@ def _shown(error: DrawnCurves) -> list[tuple[str, list[int]]]:
     return [(units, columns) for units, columns in shown if columns]
 
 
-def _order(names: list[str], groups: list[tuple[str, list[int]]]) -> list[str]:
-    drawn = [names[k] for _, columns in groups for k in columns]
-    return [*drawn, *(name for name in names if name not in drawn)]
-
-
 def _torques(
     ax: Any, result: Result, torque: DrawnCurves, columns: list[int], looks: Looks, units: str
 ) -> None:
@@ -218,10 +215,10 @@ def _torques(
     control = result.summary.get("control") or {}
     limits, least = control.get("limits", {}), control.get("least_limits", {})
     for k in columns:
-        look = looks.get(names[k]) or style.dashed_style(k)
-        ax.plot(*envelope(*lines[k]), **look, linewidth=1.2)
+        look = looks[names[k]]
+        ax.plot(*envelope(*lines[k]), **{**look, "linewidth": 1.2})
         if names[k] in limits:
             for level in (least.get(names[k], -limits[names[k]]), limits[names[k]]):
-                ax.axhline(level, **look, linewidth=0.7)
+                ax.axhline(level, **{**look, "linewidth": 0.7})
     fit_axis(ax, torque.part(columns))
     ax.set_ylabel(load_label("torque", units))

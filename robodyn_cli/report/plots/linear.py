@@ -13,7 +13,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report.analysis import powers, titled
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import COLOURS, GREY, dashed_style, number
+from robodyn_cli.report.style import BLACK, COLOURS, GREY, dashed_style, number
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -79,7 +79,7 @@ def _frame(ax: Axes, found: Array, unit: str = "") -> None:
     ax.set_ylabel(f"imaginary part [{unit or 'rad/s'}]")
 
 
-GROWS, DECAYS, STAYS = COLOURS[6], COLOURS[0], COLOURS[2]
+GROWS, DECAYS, STAYS = COLOURS[6], COLOURS[0], BLACK
 
 
 @plot(

@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 
 from robodyn_cli.report.analysis import powers, titled
 from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.plots.linear import number_phases
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import COLOURS, GREY, dashed_style, number
+from robodyn_cli.report.style import COLOURS, GREY, number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -42,11 +43,11 @@ def nyquist(result: Result) -> Any:
     ax.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.9, linestyle=":")
     ax.axhline(0.0, color=GREY, linewidth=0.7)
     ax.axvline(0.0, color=GREY, linewidth=0.7)
-    handles, circled = [], False
+    handles, circled, looks = [], False, looks_of(result).lines(names)
     for k, name in enumerate(names[:FEW]):
         y = np.where(np.abs(loops[:, k]) > FAR, np.nan, loops[:, k])
-        handles += ax.plot(y.real, y.imag, label=name, **dashed_style(k))
-        ax.plot(y.real, -y.imag, alpha=0.35, **dashed_style(k))
+        handles += ax.plot(y.real, y.imag, label=name, **looks[k])
+        ax.plot(y.real, -y.imag, alpha=0.35, **looks[k])
         _arrow(ax, y, handles[-1].get_color())
         peak = _peak(result, name)
         if peak is not None and peak > 1.0:
@@ -72,14 +73,14 @@ def nichols(result: Result) -> Any:
     loops, names = _loops(result), _names(result)
     figure = titled(6.4, 6.0, result, _opened(names, "Nichols", "gain over phase about -1"))
     ax = figure.add_axes((0.12, 0.2, 0.83, 0.68))
-    handles, phases = [], []
+    handles, phases, looks = [], [], looks_of(result).lines(names)
     for k, name in enumerate(names[:FEW]):
         gain = 20.0 * np.log10(np.maximum(np.abs(loops[:, k]), 1e-300))
         phase = _phase(loops[:, k])
         seen = (gain > LEAST) & (gain < MOST)
         phases.append(phase[seen])
         curve = np.where(seen, phase, np.nan) + 1j * np.where(seen, gain, np.nan)
-        handles += ax.plot(curve.real, curve.imag, label=name, **dashed_style(k))
+        handles += ax.plot(curve.real, curve.imag, label=name, **looks[k])
         _arrow(ax, curve, handles[-1].get_color(), gain)
     every = np.concatenate(phases) if phases else np.zeros(0)
     low, high = (float(every.min()), float(every.max())) if len(every) else (-180.0, -180.0)

@@ -20,8 +20,9 @@ from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, ev
 from robodyn_cli.report.drawing.record import Drawing, Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.lines import finite, largest, thin_path
+from robodyn_cli.report.looks import POINTS, Looks, looks_of
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import FEW, GREY, TARGET, error_number, line_styles, number
+from robodyn_cli.report.style import FEW, GREY, TARGET, error_number, number
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -113,23 +114,24 @@ def tip_path(result: Result) -> Any:
     labels = [*drawn, *(["target"] if targets else []), "start"]
     height = paper.height_of(view, paper.WIDTH) + paper.room_below(views)
     sheet = Sheet(result, _subtitle_of_paths(view, samples, targets, drawn), labels=labels, height=height)
+    looks = looks_of(result)
     for one, ax in zip(views, paper.axes_below(sheet, views)):
-        _paths(ax, one, shown, targets, 0.6)
+        _paths(ax, one, looks, shown, targets, 0.6)
     paper.set_up(sheet.ax, view)
     if not view.flat:
         paper.ground(sheet.ax, view)
-    handles = _paths(sheet.ax, view, shown, targets, 1.0)
+    handles = _paths(sheet.ax, view, looks, shown, targets, 1.0)
     sheet.legend([*handles, Line2D([], [], markeredgecolor=GREY, **START)], labels)
     return sheet.figure
 
 
 def _paths(
-    ax: Axes, view: View, points: dict[str, Array], targets: dict[str, Array], scale: float
+    ax: Axes, view: View, looks: Looks, points: dict[str, Array], targets: dict[str, Array], scale: float
 ) -> list[Any]:
     """Draw the paths; return handles of those of points, and of a target where there is one."""
     handles: list[Any] = []
     # A path lies below its target: one that is tracked then shows as a dashed line on a broad one.
-    for (name, data), look in zip(points.items(), line_styles(len(points))):
+    for (name, data), look in zip(points.items(), looks.lines(list(points), POINTS)):
         path = thin_path(view.camera.project(data)[:, :2])
         width, dash = (3.0, "-") if name in targets else (1.5, look["linestyle"])
         handles += ax.plot(*path.T, color=look["color"], linestyle=dash, linewidth=scale * width)

@@ -86,7 +86,7 @@ def search_keys(result: Result) -> Any:
         width = key["high"] - key["low"]
         x = (result[f"inputs/{name}"] - key["low"]) / width
         here, off = (key["value"] - key["low"]) / width, (key["uncertainty"] or 0.0) / width
-        looks = ((holds, style.COLOURS[0]), (~holds, style.COLOURS[7]))
+        looks = ((holds, style.COLOURS[0]), (~holds, style.GREY))
         handles = [ax.plot(x[own], np.full(int(own.sum()), row), linestyle="none", marker="|", markersize=7, color=c)[0]
                    for own, c in looks]  # fmt: skip
         handles += ax.plot([here], [row], **BEST)

@@ -136,7 +136,7 @@ def study_histograms(result: Result) -> Any:
             ax.hist(there, bins=_bins(len(there)), color=style.COLOURS[5], edgecolor="white", linewidth=0.4)
         else:
             ax.hist(there, bins=1, color=style.COLOURS[5])
-        lines = [ax.axvline(x, color=style.COLOURS[2], linestyle=style.DASHES[2], linewidth=1.2)
+        lines = [ax.axvline(x, color=style.BLACK, linestyle=style.DASHES[2], linewidth=1.2)
                  for x in np.quantile(there, (0.05, 0.5, 0.95))]  # fmt: skip
         nominal = (result.summary["results"].get(name) or {}).get("nominal")
         handles = [lines[0]]

@@ -184,15 +184,10 @@ def torque_terms(result: Result) -> Any:
 
 
 def _look(name: str) -> dict[str, Any]:
-    colours = [colour for colour in COLOURS if colour != "#000000"]
     index = ORDER.index(name) if name in ORDER else len(ORDER)
-    # black is the total's, so there is one term more than colours: it is wine
-    colours.append("#882255")
-    return {
-        "color": colours[min(index, 7)],
-        "linestyle": (0, (2, 2, 6, 2)) if index >= 7 else DASHES[index + 1],
-        "linewidth": 1.4,
-    }
+    # a solid line is the total's, so there is one term more than dashes
+    dash = (0, (2, 2, 6, 2)) if index >= 7 else DASHES[index + 1]
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": dash, "linewidth": 1.4}
 
 
 def _largest(peak: Any) -> list[int]:
@@ -212,7 +207,7 @@ def limits(result: Result) -> Any:
     part = np.array([np.mean(result["limits/binding"] == k) for k in range(len(names))])
     binding = int(np.count_nonzero(part)) or len(part)
     order = np.argsort(-part, kind="stable")[: min(MOST_LIMITS, binding)]
-    styles = [{"color": style.COLOURS[i % len(style.COLOURS)], "linewidth": 1.4} for i in range(len(order))]
+    styles = style.line_styles(len(order))
     labels = [f"{names[k]}: binds {number(100.0 * part[k], 3)} % of the time" for k in order]
     left = len(names) - len(order)
     note = f"; {left} that bind less, or never, left out" if left else ""
