@@ -206,6 +206,19 @@ def test_dashes_tell_lines_apart_as_in_the_figure() -> None:
     assert [line["entry"] for line in data["panels"][0]["lines"]] == [0, 1, 2, 3, 4]
 
 
+def test_lines_without_an_entry_are_hidden_with_the_line_of_their_colour() -> None:
+    """Marks of peaks and root mean squares belong to their joint; what marks times belongs to none."""
+    data = chart_data(draw(inverse_result(), "torques"), Arrays())
+    assert data is not None
+    lines = data["panels"][0]["lines"]
+    assert sorted(line["of"] for line in lines) == [0, 0, 0, 1, 1, 1]
+    assert [line["entry"] for line in lines].count(None) == 4
+    data = chart_data(draw(four_bar_result(), "joint_angles"), Arrays())
+    assert data is not None
+    moments = [line for line in data["panels"][0]["lines"] if line["spans"][1]]
+    assert moments and all(line["of"] is None for line in moments)
+
+
 # -- tables ---------------------------------------------------------------------------------------------------
 def test_errors_stand_beside_the_figures_they_belong_to() -> None:
     summary = {

@@ -121,6 +121,7 @@ def _panel(ax: Axes, legend: list[dict[str, Any]], arrays: Arrays) -> dict[str, 
     looks = {_look(entry): place for place, entry in reversed(list(enumerate(legend)))}
     for line in lines:
         line["entry"] = looks.get(_look(line))
+        line["of"] = _owner(line, legend)
     return {
         "title": ax.get_title(loc="left") or None,
         "label": ax.get_ylabel(),
@@ -138,6 +139,17 @@ def _look(item: dict[str, Any]) -> tuple[Any, ...]:
     """Return what tells lines apart in a legend: a thin line beside a heavy one is another."""
     marker = None if item["width"] else item["marker"]
     return item["colour"], tuple(round(x, 3) for x in item["dashes"]), round(item["width"], 3), marker
+
+
+def _owner(line: dict[str, Any], legend: list[dict[str, Any]]) -> int | None:
+    """Return the entry of the legend that a line belongs to and is hidden with: its own, or the only one of its colour.
+
+    Lines from the bottom to the top mark times, which are of all.
+    """
+    if line["entry"] is not None or line["spans"][1]:
+        return line["entry"]
+    same = [place for place, entry in enumerate(legend) if entry["colour"] == line["colour"]]
+    return same[0] if len(same) == 1 else None
 
 
 def _entry(handle: Any, text: str) -> dict[str, Any]:

@@ -25,9 +25,10 @@ const named = (tag, words, attributes = {}) => {
 };
 
 class Live {
-  /* box : where it stands on the page. player : of the drawing, null where there is none. */
-  constructor(box, data, runner, player) {
-    Object.assign(this, { box, data, runner, player, beside: null, waiting: false });
+  /* box : where it stands on the page. cursor : of the charts of its result, and the drawing where there is one. */
+  constructor(box, data, runner, cursor) {
+    const { player } = cursor;
+    Object.assign(this, { box, data, runner, cursor, player, beside: null, waiting: false });
     this.values = data.keys.map((key) => key.value);
     this.groups = data.groups || GROUPS;
     this.stored = player && { ...player.view.drawing };
@@ -207,7 +208,7 @@ class Live {
     this.find(".plots").append(figure);
     const legend = this.data[group].names.map((name, k) => ({ ...this.line(k, this.data[group].names.length), text: name, band: false }));
     const panels = units.map((unit) => ({ title: null, label: `${title} [${unit}${group === "v" && !unit.includes("/s") ? per : ""}]`, unit, log: false, x: [0, 1], y: [0, 1], lines: [], bands: [], errors: [], notes: [] }));
-    return new Chart(figure, { name: `${title} of the run in this page`, legend, panels, group }, this.player);
+    return new Chart(figure, { name: `${title} of the run in this page`, legend, panels, group }, this.cursor);
   }
   /* The look of one of so many lines, as in the plots of the stored result. */
   line(k, count) {
@@ -221,7 +222,7 @@ class Live {
       for (const panel of chart.data.panels) {
         const members = own.names.map((_, k) => k).filter((k) => own.units[k] === panel.unit);
         panel.lines = members.flatMap((k) => [
-          ...(this.beside ? [{ ...look(k), width: 0.9, alpha: 0.5, x: this.beside.times, y: this.beside.columns[own.places[k]] }] : []),
+          ...(this.beside ? [{ ...look(k), entry: k, beside: true, width: 0.9, alpha: 0.5, x: this.beside.times, y: this.beside.columns[own.places[k]] }] : []),
           { ...look(k), entry: k, x: this.result.times, y: this.result.columns[own.places[k]] },
         ]);
         const values = panel.lines.flatMap((line) => Array.from(line.y)), low = Math.min(...values), high = Math.max(...values);
@@ -235,13 +236,13 @@ class Live {
 }
 
 /* Let the scenes of the page run; without WebAssembly it stays as it is. */
-async function startLive(lives, players) {
+async function startLive(lives, cursors) {
   if (!lives.length || typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") return;
   for (const box of document.querySelectorAll("[data-live]")) {
     const data = lives[Number(box.dataset.live)];
     Object.assign(data, JSON.parse(new TextDecoder().decode(await unzipped(data.data))));
     const runner = await Runner.of(data, await unzipped(data.code.text));
-    box.live = new Live(box, data, runner, players.get(box.closest("[data-result]")) || null);
+    box.live = new Live(box, data, runner, cursors.get(box.closest("[data-result]")));
   }
   document.documentElement.dataset.running = "yes";
 }

@@ -31,25 +31,35 @@ function chartOf(data, arrays) {
 
 function start() {
   const { arrays: packed, figures, live } = JSON.parse(document.getElementById("data").textContent);
-  const arrays = packed.map(unpacked), charts = [], players = new Map();
+  const arrays = packed.map(unpacked), cursors = new Map();
   for (const section of document.querySelectorAll("[data-result]")) {
-    let player = null;
+    let cursor = new Cursor();
     for (const figure of section.querySelectorAll("[data-figure]")) {
       const data = figures[Number(figure.dataset.figure)];
-      if (data.panels) charts.push(new Chart(figure, chartOf(data, arrays), player));
-      else player = new Player(figure, drawingOf(data, arrays));
+      if (data.panels) new Chart(figure, chartOf(data, arrays), cursor);
+      else cursor = new Cursor(new Player(figure, drawingOf(data, arrays)));
     }
-    players.set(section, player);
+    cursors.set(section, cursor);
   }
-  if (live) startLive(live, players);
-  // on paper all plots are there, and the scene
+  if (live) startLive(live, cursors);
+  // on paper all plots are there, two on a page, and what is folded
+  const printed = () => [...cursors.values()].flatMap((cursor) => cursor.charts);
   let folded = [];
   window.addEventListener("beforeprint", () => {
-    for (const chart of charts) if (!chart.seen) chart.draw();
-    folded = [...document.querySelectorAll(".scene-text:not([open])")];
+    for (const chart of printed()) {
+      chart.paper = true;
+      chart.draw();
+    }
+    folded = [...document.querySelectorAll("details:not([open]):not(.sweep)")];
     for (const one of folded) one.open = true;
   });
-  window.addEventListener("afterprint", () => { for (const one of folded) one.open = false; });
+  window.addEventListener("afterprint", () => {
+    for (const one of folded) one.open = false;
+    for (const chart of printed()) {
+      chart.paper = false;
+      chart.draw();
+    }
+  });
   document.documentElement.dataset.ready = "yes";
 }
 

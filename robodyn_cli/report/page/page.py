@@ -284,7 +284,7 @@ def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
 
 
 # one after another they are the script of the page
-SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js")
+SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "axes.js", "charts.js", "pointing.js", "saved.js")
 RUNNING = ("rules.js", "runner.js", "given.js", "sweep.js", "live.js")  # where scenes run in the page
 STYLE = "page.css"
 

@@ -129,7 +129,7 @@ class Sweep {
     this.box.querySelector("figure")?.remove();
     this.box.append(figure);
     // the cursor is the value that is seen; dragging moves it
-    const owner = { listeners: [], view: { time: this.live.values[this.k] }, goTo: (x) => this.live.slide(this.k, x) };
+    const owner = Object.assign(new Cursor(), { time: this.live.values[this.k], drags: true, goTo: (x) => this.live.slide(this.k, x) });
     const seen = () => (this.live.left ? NaN : this.live.figuresOf(this.live.result)[n].value);
     this.chart = new SweepChart(figure, { name, over: key.name, legend: [line], panels: [panel], seen }, owner);
     this.chart.draw();

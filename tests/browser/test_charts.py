@@ -1,0 +1,198 @@
+"""Charts of a page: zoom into a span of time, lines hidden by the legend, and files of what is seen."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from robodyn_cli.report.page.page import Shown, write_page
+from robodyn_cli.results.result import Result
+from tests.browser.conftest import Opener
+from tests.browser.test_page import four_bar
+from tests.unit.synthetic_results import chain_result, inverse_result
+
+PRESSED = "aria-pressed"
+
+
+def page_of(opened: Opener, result: Result, folder: Path, **options: Any) -> Any:
+    """Open the page of a result whose poses are left out: its scene is none."""
+    result.variables.pop("q", None)
+    write_page([Shown(result.command, result)], folder / "page.html")
+    return opened(folder / "page.html", **options)
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+    result, target = four_bar(), tmp_path_factory.mktemp("charts") / "four_bar.html"
+    write_page([Shown("deploy", result)], target)
+    return result, target
+
+
+def plot_of(page: Any, name: str) -> Any:
+    """Return a plot by its heading, drawn."""
+    plot = page.locator("figure.plot").filter(has=page.get_by_role("heading", name=name, exact=True))
+    plot.scroll_into_view_if_needed()
+    plot.locator(".chart .frame").first.wait_for()
+    return plot
+
+
+def frame_of(plot: Any) -> tuple[float, float, float, float]:
+    """Return the left, right, top and bottom [px] of the first panel on the screen."""
+    left, top, bottom, right = map(
+        float, re.findall(r"-?[\d.]+", plot.locator(".frame").first.get_attribute("d"))
+    )
+    box = plot.locator(".chart > svg").first.bounding_box()
+    return box["x"] + left, box["x"] + right, box["y"] + top, box["y"] + bottom
+
+
+def drag(page: Any, plot: Any, first: float, last: float) -> None:
+    """Drag from one part of the first panel's width to another."""
+    plot.locator(".chart").scroll_into_view_if_needed()
+    left, right, top, bottom = frame_of(plot)
+    page.mouse.move(left + first * (right - left), 0.5 * (top + bottom))
+    page.mouse.down()
+    page.mouse.move(left + 0.5 * (first + last) * (right - left), 0.5 * (top + bottom))
+    page.mouse.move(left + last * (right - left), 0.5 * (top + bottom))
+    page.mouse.up()
+
+
+def across(plot: Any) -> list[float]:
+    """Return the numbers below the first panel."""
+    words = plot.locator(".chart text[text-anchor=middle]").all_text_contents()
+    return [float(word.replace("−", "-")) for word in words if re.fullmatch(r"[−\d.]+", word)]
+
+
+def saved(page: Any, plot: Any, kind: str) -> bytes:
+    with page.expect_download() as download:
+        plot.get_by_role("button", name=f"as {kind}").click()
+    assert download.value.suggested_filename.endswith(f".{kind.lower()}")
+    return Path(download.value.path()).read_bytes()
+
+
+def table(content: bytes) -> tuple[list[str], np.ndarray]:
+    heads, *rows = csv.reader(io.StringIO(content.decode()))
+    return heads, np.array([[float(x or "nan") for x in row] for row in rows])
+
+
+def test_a_drag_zooms_all_charts_of_a_result(planar: tuple[Result, Path], opened: Opener) -> None:
+    result, target = planar
+    page = opened(target)
+    angles = plot_of(page, "Joint angles")
+    end = float(result.time[-1])
+    drag(page, angles, 0.25, 0.5)
+    assert page.locator(".time").input_value() == "0", "a drag that zooms leaves the cursor"
+    seen = [float(x) for x in re.findall(r"[\d.]+", angles.locator(".span").inner_text())]
+    assert seen == pytest.approx([0.25 * end, 0.5 * end], abs=0.02 * end)
+    for name in ("Joint angles", "Singular values"):
+        numbers = across(plot_of(page, name))
+        assert len(numbers) >= 3 and seen[0] - 0.01 <= min(numbers) and max(numbers) <= seen[1] + 0.01, name
+    # upright the curves fill the panel
+    path = angles.locator(".chart g[clip-path] path").first
+    assert path.evaluate("p => p.getBBox().height") > 0
+    # keys: in again, along, out, and all of it
+    box = angles.locator(".chart")
+    box.press("+")
+    inner = [float(x) for x in re.findall(r"[\d.]+", angles.locator(".span").inner_text())]
+    assert inner[1] - inner[0] == pytest.approx(0.5 * (seen[1] - seen[0]), rel=0.02)
+    box.press("Shift+ArrowRight")
+    moved = [float(x) for x in re.findall(r"[\d.]+", angles.locator(".span").inner_text())]
+    assert moved[0] - inner[0] == pytest.approx(0.2 * (inner[1] - inner[0]), rel=0.05)
+    box.press("End")
+    shown = float(re.findall(r"[\d.]+", page.locator(".clock").inner_text())[0])
+    assert shown == pytest.approx(moved[1], abs=0.02)
+    box.press("ArrowLeft")
+    assert float(re.findall(r"[\d.]+", page.locator(".clock").inner_text())[0]) < shown
+    box.press("0")
+    assert angles.locator(".span").inner_text() == "" and max(across(angles)) > 0.7 * end
+    assert not angles.get_by_role("button", name="See all of it").is_visible()
+    drag(page, angles, 0.6, 0.9)
+    angles.get_by_role("button", name="See all of it").click()
+    assert max(across(angles)) > 0.7 * end
+
+
+def test_the_legend_hides_lines_and_the_axis_follows(tmp_path: Path, opened: Opener) -> None:
+    result = inverse_result()
+    page = page_of(opened, result, tmp_path)
+    torques = plot_of(page, "Torques")
+    entries = torques.locator(".legend button[aria-pressed]")
+    lines, numbers = torques.locator(".chart g path[fill=none]"), torques.locator(".chart text.end")
+    before, written = lines.count(), numbers.all_text_contents()
+    entries.nth(0).click()
+    assert entries.nth(0).get_attribute(PRESSED) == "false" and lines.count() < before
+    assert numbers.all_text_contents() != written
+    entries.nth(0).press("Enter")
+    assert lines.count() == before and numbers.all_text_contents() == written
+    entries.nth(1).click(modifiers=["Shift"])
+    assert [entry.get_attribute(PRESSED) for entry in entries.all()].count("true") == 1
+    entries.nth(1).click(modifiers=["Shift"])
+    assert lines.count() == before
+
+
+def test_files_hold_what_is_seen(planar: tuple[Result, Path], opened: Opener) -> None:
+    result, target = planar
+    page = opened(target, color_scheme="dark")
+    angles = plot_of(page, "Joint angles")
+    angles.get_by_role("button", name="phi2").click()
+    drag(page, angles, 0.25, 0.5)
+    heads, rows = table(saved(page, angles, "CSV"))
+    assert heads == ["time [s]", "theta1 [rad]", "phi1 [rad]"]
+    assert 0.2 < rows[0, 0] / result.time[-1] < rows[-1, 0] / result.time[-1] < 0.52
+    for k, column in ((1, 0), (2, 1)):
+        there = np.isfinite(rows[:, k])
+        at = np.searchsorted(result.time, rows[there, 0])
+        assert np.array_equal(result.time[at], rows[there, 0]), "times keep all their digits"
+        assert rows[there, k] == pytest.approx(result["q"][at, column], rel=1e-7)
+    picture = saved(page, angles, "SVG").decode()
+    root = ElementTree.fromstring(picture)
+    words = ["".join(node.itertext()) for node in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert "theta1" in words and "phi2" not in words and f"{result.title}: Joint angles" in words
+    assert "var(" not in picture and "color-mix" not in picture and "NaN" not in picture
+    assert saved(page, angles, "PNG").startswith(b"\x89PNG")
+
+
+def test_text_of_a_scene_is_no_formula_of_a_spreadsheet(tmp_path: Path, opened: Opener) -> None:
+    result = chain_result(3)
+    names = ("=1+1", 'a,"b"', "plain")
+    for path in ("q", "qd", "qdd", "tau"):
+        result.variables[path].names = names
+    page = page_of(opened, result, tmp_path)
+    heads, rows = table(saved(page, plot_of(page, "Joint rates"), "CSV"))
+    assert heads[1:] == ["'=1+1 [rad/s]", 'a,"b" [rad/s]', "plain [rad/s]"] and len(rows) > 100
+
+
+def test_a_result_without_a_drawing_has_a_cursor(tmp_path: Path, opened: Opener) -> None:
+    result = inverse_result()
+    page = page_of(opened, result, tmp_path)
+    torques = plot_of(page, "Torques")
+    left, right, top, bottom = frame_of(torques)
+    page.mouse.click(left + 0.5 * (right - left), 0.5 * (top + bottom))
+    half = 0.5 * (result.time[0] + result.time[-1])
+    values = [float(x.replace("−", "-")) for x in torques.locator(".legend span").all_inner_texts()[:2]]
+    exact = [np.interp(half, result.time, column) for column in result["tau"].T[:2]]
+    assert values == pytest.approx(exact, rel=0.05)
+    assert torques.locator(".cursor").first.get_attribute("visibility") == "visible"
+
+
+@pytest.mark.parametrize(
+    ("factor", "label", "largest"), [(1e-5, "joint rate [µrad/s]", 20.0), (1.0, "joint rate [rad/s]", 2.0)]
+)
+def test_axes_have_prefixes_of_units(
+    factor: float, label: str, largest: float, tmp_path: Path, opened: Opener
+) -> None:
+    """Numbers, cursor and axis have the same unit; the table of a file keeps that of the result."""
+    result = chain_result(3)
+    result["qd"][:] *= factor
+    page = page_of(opened, result, tmp_path)
+    angles = plot_of(page, "Joint rates")
+    assert label in angles.locator(".chart text").all_text_contents()
+    numbers = [float(x.replace("−", "-")) for x in angles.locator(".chart text.end").all_text_contents()]
+    assert max(numbers) == pytest.approx(largest, rel=0.5)
+    heads, rows = table(saved(page, angles, "CSV"))
+    assert heads[1] == "joint1 [rad/s]" and np.nanmax(rows[:, 1]) == pytest.approx(2.0 * factor, rel=0.02)
