@@ -331,11 +331,17 @@ def test_a_printed_page_has_everything_and_is_light(planar: tuple[Result, Path],
     page = opened(planar[1], color_scheme="dark")
     content = page.pdf(prefer_css_page_size=True, print_background=True)
     assert content.startswith(b"%PDF") and 3 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 25
+    page.set_viewport_size({"width": 690, "height": 1000})
     page.emulate_media(media="print")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     charts = page.locator(".chart").count()
     assert charts >= 3 and page.locator(".chart > svg:first-of-type").count() == charts
     assert page.locator(".scene-text pre").is_visible() and not page.locator(".play").is_visible()
+    high = page.locator(".plots figure").evaluate_all(
+        "all => all.map((x) => x.getBoundingClientRect().height)"
+    )
+    assert max(high) < 490, "two go on a page of 269 mm at 96 pixels an inch"
+    assert page.locator("details:not([open]):not(.sweep)").count() == 0, "nothing stays folded"
     assert luminance(page.evaluate("getComputedStyle(document.body).backgroundColor")) > 250
 
 
