@@ -25,7 +25,7 @@ import measure
 CONFIGS = measure.ROOT / "configs"
 SCENE = CONFIGS / "2r_circle.yaml"
 IMPORTS = "import numpy, h5py, typer, yaml"
-UNWANTED = ("matplotlib", "scipy")
+UNWANTED = ("matplotlib", "scipy", "pydantic", "numpy.ma", "numpy.random", "numpy.polynomial")
 
 # what reading a command line takes beside them
 EMPTY = f"""

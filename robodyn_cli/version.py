@@ -26,10 +26,9 @@ def digest_of(root: str) -> str:
     hasher = hashlib.sha256()
     for folder, folders, names in os.walk(root):
         folders[:] = sorted(set(folders) - {"__pycache__"})
+        place = folder[len(root) + 1 :].replace(os.sep, "/")
         for name in sorted(names):
-            path = os.path.join(folder, name)
-            with open(path, "rb", buffering=0) as stream:
+            with open(os.path.join(folder, name), "rb", buffering=0) as stream:
                 data = stream.read()
-            place = os.path.relpath(path, root).replace(os.sep, "/")
-            hasher.update(f"{place}\0{len(data)}\0".encode() + data)
+            hasher.update(f"{f'{place}/' if place else ''}{name}\0{len(data)}\0".encode() + data)
     return hasher.hexdigest()

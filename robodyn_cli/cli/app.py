@@ -6,11 +6,12 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import typer
 import typer.main
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from robodyn_cli.cli.console import Console, guarded, output_lost
 from robodyn_cli.cli.options import with_shared
@@ -32,7 +33,48 @@ class UsageError(RobodynError):
     exit_code = WRONG_USAGE
 
 
-class Commands(TyperGroup):
+def _read_at_once(parameter: Any) -> None:
+    """Let a parameter read its words by its own parser, as a path or as text, and not through pydantic.
+
+    Typer 0.29 and later import pydantic for that, which takes longer than all of a small run. What has no such parser,
+    and an argument that is missing, stays with typer; so does everything in versions that describe no types.
+    """
+    described = vars(parameter).get("type_descriptor")
+    if described is None or "process_value" in vars(parameter):
+        return
+    many = parameter.multiple or parameter.nargs == -1
+    kind = get_args(described.annotation)[0] if many else described.annotation
+    read: Any = described.parameter_info.parser or (kind if kind in (str, Path) else None)
+    by_typer = parameter.process_value
+
+    def process_value(ctx: Any, value: Any) -> Any:
+        missing = parameter.value_is_missing(value)
+        if parameter.required if missing else read is None:
+            return by_typer(ctx, value)
+        if many:
+            value = [read(word) for word in value or ()]
+        elif not missing:
+            value = read(value)
+        return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
+
+    parameter.process_value = process_value
+
+
+class ReadsAtOnce:
+    """A command or a group whose parameters read their words at once."""
+
+    def get_params(self, ctx: Any) -> Any:
+        parameters = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in parameters:
+            _read_at_once(parameter)
+        return parameters
+
+
+class OneCommand(ReadsAtOnce, TyperCommand):
+    """A command of the table."""
+
+
+class Commands(ReadsAtOnce, TyperGroup):
     """The commands of the table, each imported when it is looked up."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -42,9 +84,10 @@ class Commands(TyperGroup):
         if cmd_name in COMMANDS and cmd_name not in self.commands:
             module = importlib.import_module(f"robodyn_cli.cli.commands.{cmd_name.replace('-', '_')}")
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            alone.command(
-                cmd_name, help=COMMANDS[cmd_name].help, epilog=EXAMPLES + INDENTED.join(module.EXAMPLES)
-            )(guarded(with_shared(module.command)))
+            epilog = EXAMPLES + INDENTED.join(module.EXAMPLES)
+            alone.command(cmd_name, cls=OneCommand, help=COMMANDS[cmd_name].help, epilog=epilog)(
+                guarded(with_shared(module.command))
+            )
             self.commands[cmd_name] = typer.main.get_command(alone)
         return self.commands.get(cmd_name)
 

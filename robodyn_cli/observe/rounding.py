@@ -143,5 +143,5 @@ def largest_differences(draws: Array) -> Array:
 
 def few(samples: int, most: int = MOST_SAMPLES) -> Array:
     """Return indices of a few samples out of many, the first and the last among them."""
-    places: Array = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(int))
+    places: Array = np.linspace(0, samples - 1, min(samples, most)).round().astype(int)
     return places

@@ -311,7 +311,7 @@ def _map(ax: Axes, time: Array, shown: DrawnCurves) -> AxesImage:
 
 def _spread(count: int, most: int) -> Any:
     """Return at most ``most`` indices evenly over ``count``."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
 
 
 def _short(name: str) -> str:

@@ -128,7 +128,7 @@ def breaks_at(times: Array, events: Iterable[float], switches: Iterable[float] =
     switches : times at which they may bend too, as at knots; where such times lie close to each other, as the rows of a
     table that follows a smooth function, samples across them tell more than the few between two of them.
     """
-    places = np.array([-np.inf, *np.unique(places_of(switches, times)), np.inf])
+    places = np.array([-np.inf, *sorted(set(places_of(switches, times))), np.inf])
     gaps = np.diff(places)
     alone = places[1:-1][np.minimum(gaps[:-1], gaps[1:]) >= ALONE]
     return spaced([*places_of(events, times), *alone.tolist()], len(times))

@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, number
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, margin_text, number, table
+from robodyn_cli.cli.words import cost_line, drive_lines, margin_text, table
+from robodyn_cli.cli.words import number as digits
 from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.registry import motor_types
 
@@ -30,7 +31,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     how = f"smallest {sized['by']} {'of all combinations' if sized['proven'] else 'joint by joint'}"
     enough = all(drive["passes"] for drive in drives.values())
     total = (
-        f"cost {number(sized['cost'])}, mass {number(sized['mass'])} kg, {how if enough else 'not enough'}"
+        f"cost {digits(sized['cost'])}, mass {digits(sized['mass'])} kg, {how if enough else 'not enough'}"
     )
     return "\n".join(
         [
@@ -53,11 +54,11 @@ def _remarks(joints: Mapping[str, Any], drives: Mapping[str, Any]) -> list[str]:
         best, left = joint["best"], drives[name]["least_margin"]
         count, use, most = joint["combinations"], 1.0 - best["margin"], 1.0 - left
         parts = " + ".join(best[key] for key in ("motor", "gear") if best[key] is not None)
-        limit, margin = best["decides"].replace("_", " "), f" with a margin of {number(100.0 * left, 3)} %"
+        limit, margin = best["decides"].replace("_", " "), f" with a margin of {digits(100.0 * left, 3)} %"
         if not joint["passing"]:
             lines.append(
                 f"  joint {name!r}: none of {count} combinations bears its motion{margin if left else ''}; the "
-                f"nearest, {parts}, takes {number(use / most, 3)} times what its limit {limit!r} allows"
+                f"nearest, {parts}, takes {digits(use / most, 3)} times what its limit {limit!r} allows"
             )
         elif use == 0.0:
             lines.append(f"  joint {name!r} needs nothing: it neither moves nor bears a load in this motion")
@@ -85,8 +86,8 @@ def command(
         float | None,
         typer.Option(
             "--margin",
-            min=0.0,
-            max=0.99,
+            metavar="X",
+            parser=number("a number from 0 to 0.99", lambda x: 0.0 <= x <= 0.99),
             help="Part of every limit that is to be left. [default: the `margin` of each drive]",
             show_default=False,
         ),

@@ -19,7 +19,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from robodyn_cli.algorithms.kinematics import moved, position_rates, slice_q
 from robodyn_cli.equations.problem import Problem
@@ -308,7 +307,9 @@ class Collocation:
         """Return the Legendre coefficients (n, k) of what has the values x (n, k) at the nodes."""
         if not x.shape[1]:
             return x
-        coefficients: Array = np.asarray(legendre.legfit(2 * self.c - 1, x, self.n - 1), dtype=float)
+        coefficients: Array = np.asarray(
+            np.polynomial.legendre.legfit(2 * self.c - 1, x, self.n - 1), dtype=float
+        )
         return coefficients
 
 
@@ -330,8 +331,8 @@ class PoseLeap:
             if not len(x0):
                 series.append(np.zeros((len(t), 0)))
                 continue
-            integral = legendre.legint(rates, lbnd=-1)
-            series.append(x0 + 0.5 * self.length * legendre.legval(x, integral).T)
+            integral = np.polynomial.legendre.legint(rates, lbnd=-1)
+            series.append(x0 + 0.5 * self.length * np.polynomial.legendre.legval(x, integral).T)
         return series[0], series[1], series[2]
 
     @property

@@ -126,7 +126,7 @@ class DrawnExpressions:
 
 def evenly(count: int, most: int) -> Array:
     """Return at most ``most`` of ``count`` samples, evenly apart, the first and the last included."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
 
 
 def along_motion(drawing: Drawing, most: int) -> list[int]:

@@ -138,9 +138,11 @@ def starts_around(
     numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int, count: int = ATTEMPTS
 ) -> list[Array]:
     """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
+    if not coordinates:
+        return []  # numpy's random numbers take longer to import than most loops to close
     rng = np.random.default_rng(seed)
     starts = []
-    for _ in range(count if coordinates else 0):
+    for _ in range(count):
         step = np.zeros(numbers.nv)
         step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * numbers.lengths[coordinates]
         starts.append(numbers.manifold.integrate(q, step))
