@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TextIO
 
 from robodyn_cli.cli import interrupts
+from robodyn_cli.cli.progress_line import ProgressLine, is_terminal
 from robodyn_cli.errors import (
     INTERNAL,
     INTERRUPTED,
@@ -47,10 +48,8 @@ class Console:
         self.as_json = as_json
         self.quiet = quiet
         self.for_people = not quiet and not as_json  # whether results are printed in words
-        self._shown = 0.0
-        self._width = 0
-        self._reached = ""
-        self._on_terminal = is_terminal(sys.stderr)
+        self._doing: Callable[[], str] = str
+        self._line = ProgressLine()
 
     def say(self, text: str) -> None:
         """Print results for people."""
@@ -107,63 +106,52 @@ class Console:
 
         On a terminal after 2 s, in a line that is written over; elsewhere after 10 s and then once a minute.
         """
-        ended = threading.Event()
+        ended, line = threading.Event(), self._line
+        self._doing = doing
 
         def tell() -> None:
             start = time.monotonic()
-            wait = QUIET_SECONDS if self._on_terminal else LONG_SECONDS
+            wait = QUIET_SECONDS if line.on_terminal else LONG_SECONDS
             while not ended.wait(wait):
-                wait = 0.5 if self._on_terminal else LONGEST_SECONDS
+                wait = 0.5 if line.on_terminal else LONGEST_SECONDS
                 now, activity = time.monotonic(), doing()
-                shown = now - self._shown <= QUIET_SECONDS
-                if not self._on_terminal:
-                    parts = [text for text in (activity, self._reached if shown else "") if text]
+                shown = now - line.shown <= QUIET_SECONDS
+                if not line.on_terminal:
+                    parts = [text for text in (activity, line.reached if shown else "") if text]
                     self.note(f"robodyn: after {now - start:.0f} s: {', '.join(parts) or 'still at it'}")
                 elif activity and not shown:
-                    self._write_over(f"{activity} ... {now - start:.0f} s")
+                    line.wait(activity, now - start)
 
+        teller = threading.Thread(target=tell, daemon=True)
         if not self.quiet:
-            threading.Thread(target=tell, daemon=True).start()
+            teller.start()
         try:
             yield
         finally:
             ended.set()
+            if not self.quiet:
+                teller.join()  # it writes nothing any more
+            self._doing = str
             self.clear()
 
-    def progress(self, done: float, total: float) -> None:
-        """Show the progress of a long run."""
-        if self.quiet:
-            return
+    def progress(self, done: float, total: float, unit: str = "s") -> None:
+        """Show how far a pass of a long run is, in seconds of its motion or in a unit of its own, as ``methods``."""
         part = min(1.0, done / total) if total else 1.0
-        time_reached = f"  t = {done:.4g} of {total:.4g} s" if total else ""
-        self._advance(part, f"{100 * part:5.1f} %{time_reached}")
+        if unit == "s":
+            reached = f"{100 * part:.1f} %" + (f"  t = {done:.4g} of {total:.4g} s" if total else "")
+        else:
+            reached = f"{done:.0f} of {total:.0f} {unit}"
+        if not self.quiet:
+            self._line.advance(part, reached, self._doing())
 
     def count(self, done: int, total: int, left: float | None) -> None:
         """Show how many runs are done, and the seconds left."""
-        self._advance(done / total, f"{done} of {total} runs{'' if left is None else f', {left:.0f} s left'}")
-
-    def _advance(self, part: float, reached: str) -> None:
-        """Show on a terminal how far a run has come; elsewhere ``waiting`` tells it."""
-        now = time.monotonic()
-        if self.quiet or now - self._shown < 0.1:
-            return
-        self._shown, self._reached = now, reached.strip()
-        if self._on_terminal:
-            self._write_over(f"[{'#' * round(30 * part):<30}] {reached}")
-
-    def _write_over(self, text: str) -> None:
-        """Write a line over the one that is there."""
-        text = printable(text)
-        self._width = max(self._width, len(text))
-        sys.stderr.write("\r" + text.ljust(self._width))
-        sys.stderr.flush()
+        if not self.quiet:
+            self._line.advance(done / total, f"{done} of {total} runs", left=left)
 
     def clear(self) -> None:
         """Remove the progress line."""
-        if self._width:
-            sys.stderr.write("\r" + " " * self._width + "\r")
-            sys.stderr.flush()
-            self._width = 0
+        self._line.clear()
 
 
 def guarded(command: Callable[..., int]) -> Callable[..., int]:
@@ -235,11 +223,6 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
     if isinstance(error, BrokenPipeError):
         return None
     return OutputError(f"cannot write to standard output: {error.strerror}")
-
-
-def is_terminal(stream: TextIO | None) -> bool:
-    """Tell whether somebody reads a stream as it is written."""
-    return stream is not None and stream.isatty()
 
 
 def width(stream: TextIO | None) -> int | None:

@@ -89,7 +89,7 @@ class Keeping(Console):
     def waiting(self, doing: Callable[[], str]) -> Iterator[None]:
         yield
 
-    def progress(self, done: float, total: float) -> None:
+    def progress(self, done: float, total: float, unit: str = "s") -> None:
         if self._tell is not None:
             self._tell(done, total)
 

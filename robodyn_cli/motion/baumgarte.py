@@ -24,6 +24,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Baumgarte
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Gains
+from robodyn_cli.tools.progress import Progress, no_progress
 
 SAMPLES = 129  # at which trial runs are compared
 FACTORS = tuple(2.0**k for k in range(-12, 3))  # c in alpha = beta = c / h that are tried, the smallest first
@@ -149,7 +150,9 @@ class GainStudy:
             outcome.drift <= self.integration_error,
         )
 
-    def plane(self, factors: Array, seconds: float) -> tuple[Array, Array, Array, int]:
+    def plane(
+        self, factors: Array, seconds: float, progress: Progress = no_progress
+    ) -> tuple[Array, Array, Array, int]:
         """Return drift, error and steps over (alpha, beta) = factors / h, rows by alpha; NaN where time ran out."""
         n = len(factors)
         drift, error, steps = (np.full((n, n), np.nan) for _ in range(3))
@@ -158,6 +161,7 @@ class GainStudy:
             for k, b in enumerate(factors):
                 if time.perf_counter() > end:
                     return drift, error, steps, done
+                progress(done, n * n, "gains")
                 outcome = self.outcome(float(a) / self.step, float(b) / self.step)
                 drift[i, k], error[i, k], steps[i, k] = outcome.drift, outcome.error, outcome.steps or np.nan
                 done += 1

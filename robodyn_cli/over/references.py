@@ -27,7 +27,7 @@ class Deadline:
         self.end: float | None = None
         self.seconds = seconds
 
-    def __call__(self, done: float, total: float = 0.0) -> None:
+    def __call__(self, done: float, total: float = 0.0, unit: str = "s") -> None:
         if self.end is None:
             self.end = time.perf_counter() + self.seconds
         if time.perf_counter() > self.end:

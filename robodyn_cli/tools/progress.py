@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, TypeVar
 
 from robodyn_cli.kernels.cache import REPORT
 
-Progress = Callable[[float, float], None]
+Item = TypeVar("Item")
 
 
-def no_progress(done: float, total: float) -> None:
+class Progress(Protocol):
+    """What is told how far a pass of a run is: ``done`` of ``total``, in seconds of its motion or in ``unit``."""
+
+    def __call__(self, done: float, total: float, unit: str = "s", /) -> None: ...
+
+
+def no_progress(done: float, total: float, unit: str = "s") -> None:
     """Show nothing."""
+
+
+def counted(items: Sequence[Item], progress: Progress, unit: str) -> Iterator[Item]:
+    """Yield items; tell before each how many are done, in a unit like ``methods``."""
+    for k, item in enumerate(items):
+        progress(k, len(items), unit)
+        yield item
 
 
 class Stopwatch:

@@ -187,6 +187,16 @@ def test_update_stores_what_differs_and_is_new_and_nothing_else(batch: Path) -> 
     assert code == 0 and all(scene["baseline"]["verdict"] == "equal" for scene in scenes.values())
 
 
+def test_an_update_says_what_it_did(batch: Path) -> None:
+    shift(batch / "base/b/inverse", 1e-3)
+    shutil.rmtree(batch / "base/a")
+    arm(batch / "scenes/wrong.yaml", "expect: {status: locked}")
+    words = ("--out", batch / "out", "--baseline", batch / "base", "--no-plots")
+    told = invoke("run", batch / "scenes", *words, "--update-baseline").out
+    assert f"baseline {batch / 'base'}: 1 new, 1 replaced, 1 equal, 1 left as it was, not ok: wrong\n" in told
+    assert "baseline: new" in told and "--update-baseline stores" not in told
+
+
 def test_an_update_makes_the_directory(batch: Path) -> None:
     shutil.rmtree(batch / "base")
     done = invoke("run", batch / "scenes", "--out", batch / "out", "--baseline", batch / "base", "--no-plots")

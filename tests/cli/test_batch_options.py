@@ -113,10 +113,13 @@ def test_the_worst_exit_code(tmp_path: Path) -> None:
 
 def test_quiet_prints_errors_alone(tmp_path: Path) -> None:
     arm(tmp_path / "good.yaml", PASSES)
+    arm(tmp_path / "one.yaml", "expect: {peak_torque.swing: < 0.1}")
     (tmp_path / "two.yaml").write_text("schema: 1\n")
     done = robodyn("run", tmp_path, "--out", tmp_path / "out", "--quiet", "--no-plots")
     assert done.returncode == 2 and done.stdout == ""
-    assert done.stderr.startswith("robodyn: error: two: ") and done.stderr.count("\n") == 1
+    first, second, end = sorted(done.stderr.split("\n"), reverse=True)
+    assert first.startswith("robodyn: error: two: ") and not end
+    assert second.startswith("robodyn: error: one: peak_torque.swing") and "< 0.1" in second
 
 
 # -- commands --------------------------------------------------------------------------------------------

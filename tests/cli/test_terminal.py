@@ -8,11 +8,12 @@ import re
 import struct
 import sys
 import time
+import types
 from pathlib import Path
 
 import pytest
 
-from robodyn_cli.cli import console
+from robodyn_cli.cli import console, progress_line
 from robodyn_cli.cli.console import fitted
 from robodyn_cli.cli.words import table
 from tests.cli.batch_scenes import arm
@@ -131,6 +132,74 @@ def test_where_there_is_no_terminal_a_line_a_minute_tells_how_far_it_is(
     told = [line.partition(": integrate, ")[2] for line in said if ": integrate, " in line]
     assert len(told) >= 2 and told[0].endswith("of 8 s") and told[-1] == "25.0 %  t = 2 of 8 s"
     assert all(line.startswith("robodyn: after ") for line in said[1:])
+
+
+class Screen:
+    """A terminal on standard error, and a clock that this test moves on."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, width: int, **variables: str) -> None:
+        for name, value in {"COLUMNS": str(width), **variables}.items():
+            patch.setenv(name, value)
+        self.now, self.stream = 100.0, Terminal()
+        patch.setattr(progress_line, "time", types.SimpleNamespace(monotonic=lambda: self.now))
+        patch.setattr(sys, "stderr", self.stream)
+        self.console = console.Console()
+
+    @property
+    def written(self) -> str:
+        return self.stream.getvalue()
+
+    def steps(self, *ways: tuple[float, float, str]) -> list[str]:
+        """Return the lines after steps of 10 s each."""
+        lines = []
+        for way in ways:
+            self.console.progress(*way)
+            self.now += 10.0
+            lines.append(self.written.split("\r")[-1].rstrip())
+        return lines
+
+
+def test_each_pass_is_named_and_has_a_time_left_of_its_own(columns: pytest.MonkeyPatch) -> None:
+    screen, doing = Screen(columns, 80), ["integrate"]
+    with screen.console.waiting(lambda: doing[0]):
+        first = screen.steps((0.0, 8.0, "s"), (2.0, 8.0, "s"), (6.0, 8.0, "s"))
+        doing[0] = "error estimate"
+        second = screen.steps((2.0, 8.0, "s"), (4.0, 8.0, "s"))
+    assert first[0].endswith("] 0.0 %  t = 0 of 8 s") and first[1].endswith(
+        "] 25.0 %  t = 2 of 8 s, 30 s left"
+    )
+    assert first[2].startswith("integrate  [###") and first[2].endswith("75.0 %  t = 6 of 8 s, 7 s left")
+    assert second[0].startswith("error estimate  [#") and second[0].endswith("t = 2 of 8 s"), (
+        "a pace of its own"
+    )
+    assert second[1].endswith("50.0 %  t = 4 of 8 s, 10 s left")
+    assert screen.written.endswith(f"\r{' ' * max(map(len, first + second))}\r"), "the line is cleared"
+
+
+@pytest.mark.parametrize("width", [20, 40, 80])
+def test_a_line_that_is_written_over_has_room_on_the_terminal(
+    width: int, columns: pytest.MonkeyPatch
+) -> None:
+    """One that went on below would stay there."""
+    screen = Screen(columns, width)
+    with screen.console.waiting(lambda: "error estimate"):
+        screen.steps(*((k, 7, "methods") for k in range(7)))
+        screen.console.count(5, 700, 99.0)
+        screen.console._line.wait("a stage of a long name", 4.0)
+    longest = max(map(len, screen.written.split("\r")))
+    assert "\n" not in screen.written and (longest == width - 1 if width < 60 else 60 < longest < width)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"), [(3.2, "3 s"), (99.0, "99 s"), (600.0, "10 min"), (9000.0, "2.5 h")]
+)
+def test_a_time_that_is_left(seconds: float, told: str) -> None:
+    assert progress_line.duration(seconds) == told
+
+
+def test_a_terminal_that_writes_nothing_over_gets_lines(columns: pytest.MonkeyPatch) -> None:
+    screen = Screen(columns, 80, TERM="dumb")
+    assert screen.steps((1.0, 2.0, "s")) == [""] and screen.console._line.reached == "50.0 %  t = 1 of 2 s"
 
 
 def test_what_a_terminal_would_obey_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -67,7 +67,7 @@ def command(
     console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        report = as_keys(animate(read_stored(result, needed), file, speed, fps, follow))
+        report = as_keys(animate(read_stored(result, needed), file, speed, fps, follow, console.progress))
     console.data(report)
     console.say(describe(report))
     return 0

@@ -78,7 +78,7 @@ def command(
     atol: AbsoluteTolerance = ATOL,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
-    from robodyn_cli.over.batch.reports import batch_of, tally, write_reports
+    from robodyn_cli.over.batch.reports import batch_of, tally, updates_of, write_reports
     from robodyn_cli.results.summary import as_keys, jsonable
 
     if update and baseline is None:
@@ -100,16 +100,17 @@ def command(
         load(entries, out, settings)
         widths = max(len(e.name) for e in entries), max(len(e.command or "-") for e in entries)
         worker = functools.partial(command_line, drawn, settings)
-        with console.waiting(lambda: f"running {len(entries)} scenes"):
-            for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
+        with console.waiting(lambda: f"{len(entries)} scenes"):
+            batch = Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout)
+            for done, entry in enumerate(batch.run(), 1):
                 if stored is not None:
                     stored.judge(entry)
                 if not update:
                     note(entry)
                 _tell(entry, widths, console)
+                console.progress(done, len(entries), "done")
         if stored is not None and update:
-            replaced = stored.replace_old(entries)
-            console.say(f"{baseline}: {len(replaced)} of {len(entries)} stored anew")
+            console.say(f"baseline {baseline}: {updates_of(entries, stored.replace_old(entries))}")
     finally:
         # an interrupted batch reports the scenes that have run
         write_reports(entries, junit, markdown)
@@ -136,5 +137,5 @@ def _tell(entry: BatchEntry, widths: tuple[int, int], console: Console) -> None:
     )
     for problem in entry.problems if entry.verdict != "ok" else entry.differences:
         console.say(f"        {problem}")
-    if console.quiet and entry.verdict == "error":
+    if console.quiet and entry.verdict in ("error", "failed"):
         console.error(f"{entry.name}: {'; '.join(entry.problems)}")

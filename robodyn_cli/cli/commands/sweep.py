@@ -138,7 +138,7 @@ def _run(
         if (earlier := earlier_rows(study, directory.path)) is not None:
             file.take_over(earlier)
             del earlier
-        with maker as make, Progress(console) as progress:
+        with maker as make, StudyProgress(console) as progress:
             run_study(study, file, make, progress)
         title = study.scene.title or study.task.command
         with ResultWriter(
@@ -153,7 +153,7 @@ def _run(
     return result
 
 
-class Progress:
+class StudyProgress:
     """Shows how many runs are done, and the time left; as a context manager, says what an interrupt leaves."""
 
     def __init__(self, console: Console) -> None:
@@ -166,7 +166,7 @@ class Progress:
     def seconds(self) -> float:
         return time.perf_counter() - self.start
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> StudyProgress:
         return self
 
     def __exit__(

@@ -247,7 +247,8 @@ class Baseline:
             datasets_of(compared.differing),
         )  # fmt: skip
         if compared.verdict != "equal":
-            entry.differences = [f"baseline: {line}" for line in compared.lines]
+            new = self.update and compared.verdict == "extra"
+            entry.differences = [f"baseline: {line}" for line in (["new"] if new else compared.lines)]
         if not self.update:
             # without a stored result nothing is known of this one
             code = FAILED if compared.verdict == "extra" else compared.exit_code
@@ -296,6 +297,23 @@ class Baseline:
         for entry in entries:
             note(entry)
         return changed
+
+
+def updates_of(entries: Sequence[BatchEntry], stored: Sequence[BatchEntry]) -> str:
+    """Return what an update of a baseline did, ``2 new, 1 replaced, 5 equal, 1 left as it is, for it did not end well:
+    a``."""
+    new = sum(e.baseline is not None and e.baseline.verdict == "extra" for e in stored)
+    equal = sum(
+        e.verdict == "ok" and e.baseline is not None and e.baseline.verdict == "equal" for e in entries
+    )
+    left = [e.name for e in entries if e.verdict != "ok"]
+    counts = {"new": new, "replaced": len(stored) - new, "equal": equal}
+    parts = [f"{n} {what}" for what, n in counts.items() if n]
+    if left:
+        parts.append(
+            f"{len(left)} left as {'they were' if len(left) > 1 else 'it was'}, not ok: {', '.join(left)}"
+        )
+    return ", ".join(parts) or "nothing to store"
 
 
 def _copied(entry: BatchEntry, place: Path) -> dict[Path, Path]:

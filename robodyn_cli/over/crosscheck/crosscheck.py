@@ -16,14 +16,13 @@ from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
-from robodyn_cli.tools.progress import no_progress
+from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 
 ENGINES = ("pinocchio", "mujoco")
 MARGIN = 10.0  # times the two errors together by which answers may differ
 FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
-Progress = Callable[[float, float], None]
 RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
 
 

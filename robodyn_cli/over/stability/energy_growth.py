@@ -15,6 +15,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.stability import EnergyKeys, GrowthKeys, Period
+from robodyn_cli.tools.progress import Progress, counted, no_progress
 
 PERIODS = 1000
 PATIENCE = 5.0  # times the fastest method's time: what a slower one may take for its long run
@@ -114,13 +115,19 @@ def growth(scene: Scene, method: str, duration: float, budget: Budget) -> Growth
     )
 
 
-def growths(scene: Scene, methods: Sequence[str], duration: float, budget: Budget) -> list[Growth]:
+def growths(
+    scene: Scene,
+    methods: Sequence[str],
+    duration: float,
+    budget: Budget,
+    progress: Progress = no_progress,
+) -> list[Growth]:
     """Follow the energy with each method, for ``PATIENCE`` times the time of the fastest before it at most.
 
     A method that is cut off there still tells how its error grows, up to the time that it has reached.
     """
     followed: list[Growth] = []
-    for method in methods:
+    for method in counted(methods, progress, "methods"):
         followed.append(growth(scene, method, duration, budget))
         if followed[-1].status == "ok":
             allowed = max(LEAST_SECONDS, PATIENCE * followed[-1].seconds)

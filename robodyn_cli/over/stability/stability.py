@@ -71,24 +71,19 @@ def stability(
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
     ready, setup = started(scene, watch)
-    stages = 4
     with watch.stage("reference"):
         ref, first = find_reference(ready, setup, effort)
-    progress(1, stages)
     with watch.stage("spectrum"):
         modes = along(setup, ref) or first
     with watch.stage("methods"):
-        trials = attempts(ready, ref, effort.trial, methods_tried(quick))
-    progress(2, stages)
+        trials = attempts(ready, ref, effort.trial, methods_tried(quick), progress)
     with watch.stage("energy"):
-        energy = follow_energy(ready, ref, modes, trials, effort)
-    progress(3, stages)
+        energy = follow_energy(ready, ref, modes, trials, effort, progress)
     planes: dict[str, store.GainPlane] = {}
     has_gains = bool(setup.problem.constraints.rows) and bool(scene.loops) and not setup.problem.dependent
     if has_gains:
         with watch.stage("baumgarte"):
-            planes = gain_planes(ready, effort)
-    progress(stages, stages)
+            planes = gain_planes(ready, effort, progress)
     result = Result.of("stability", scene)
     summary = StabilitySummary(
         termination=Termination("report made", ref.until if ref else 0.0),
@@ -134,12 +129,13 @@ def follow_energy(
     modes: Spectrum | None,
     trials: Sequence[MethodTrial],
     effort: Effort,
+    progress: Progress,
 ) -> EnergyGrowth:
     """Follow the energy over many periods: one method of each family, the scene's, and what ``auto`` chose."""
     long = period(ref, modes, scene.simulate.duration)
     own = {*REPRESENTATIVES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
     usable = [t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}]
-    return EnergyGrowth(long, PERIODS, growths(scene, usable, PERIODS * long.seconds, effort.long))
+    return EnergyGrowth(long, PERIODS, growths(scene, usable, PERIODS * long.seconds, effort.long, progress))
 
 
 def at_start(setup: Setup) -> Spectrum | None:
@@ -190,23 +186,23 @@ def step_limits(modes: Spectrum | None) -> list[StepLimit]:
     ]
 
 
-def gain_planes(scene: Ready, effort: Effort) -> dict[str, store.GainPlane]:
+def gain_planes(scene: Ready, effort: Effort, progress: Progress) -> dict[str, store.GainPlane]:
     """Run over the plane of Baumgarte's gains, by the method of the scene (``own``) and by fixed steps (``fixed``)."""
     s = scene.simulate
     fixed = dataclasses.replace(s, integrator=FIXED, step=step_of(s, FIXED))
     runs = {"own": scene}
     if s.integrator not in FIXED_STEP:
         runs["fixed"] = dataclasses.replace(scene, simulate=fixed)
-    return {name: gain_plane(one, effort) for name, one in runs.items()}
+    return {name: gain_plane(one, effort, progress) for name, one in runs.items()}
 
 
-def gain_plane(scene: Ready, effort: Effort) -> store.GainPlane:
+def gain_plane(scene: Ready, effort: Effort, progress: Progress) -> store.GainPlane:
     """Run one method over the plane of gains; what keeps it from that is in the keys."""
     factors = np.logspace(-3, 1, effort.gains)
     try:
         study = GainStudy(projected_motion(scene))
         chosen = study.choose()
-        drift, error, steps, done = study.plane(factors, effort.gain_seconds)
+        drift, error, steps, done = study.plane(factors, effort.gain_seconds, progress)
     except RobodynError as failure:
         return store.GainPlane(GainKeys(scene.simulate.integrator, message=failure.message))
     keys = GainKeys(study.method, chosen, study.step, study.over, done)

@@ -20,7 +20,7 @@ from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.stability import CaseKeys, MethodTrial, SuiteSummary
-from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
+from robodyn_cli.tools.progress import Progress, Stopwatch, counted, no_progress
 
 FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 10.0))
@@ -84,9 +84,8 @@ def suite(
     chosen = [case for case in CASES if not names or case.name in names]
     watch = Stopwatch()
     verdicts = []
-    for k, case in enumerate(chosen):
+    for case in counted(chosen, progress, "cases"):
         verdicts.append(run_case(case, quick))
-        progress(k + 1, len(chosen))
         if tell is not None:
             v = verdicts[-1]
             tell(f"{case.name}: {'; '.join(v.complaints) or 'as expected'} ({v.seconds:.1f} s)")

@@ -18,6 +18,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene, SimulateOptions
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.stability import MethodTrial
+from robodyn_cli.tools.progress import Progress, counted, no_progress
 from robodyn_cli.works.simulate import simulate
 
 INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
@@ -198,9 +199,16 @@ def methods_tried(quick: bool) -> list[str]:
 
 
 def attempts(
-    scene: Scene, ref: TrialReference | None, budget: Budget, names: Sequence[str]
+    scene: Scene,
+    ref: TrialReference | None,
+    budget: Budget,
+    names: Sequence[str],
+    progress: Progress = no_progress,
 ) -> list[MethodTrial]:
     """Run these methods."""
     # what auto does is judged, so a busy machine must not make it slow
     patient = dataclasses.replace(budget, steps=20 * budget.steps, seconds=max(budget.seconds, 60.0))
-    return [attempt(scene, name, ref, patient if name == "auto" else budget) for name in names]
+    return [
+        attempt(scene, name, ref, patient if name == "auto" else budget)
+        for name in counted(names, progress, "methods")
+    ]

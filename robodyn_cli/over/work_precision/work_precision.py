@@ -37,7 +37,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, Termination
 from robodyn_cli.summaries.motion import Gains
 from robodyn_cli.summaries.stability import BestRun, GivenGains, TimedRun, WorkPrecisionSummary
-from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
+from robodyn_cli.tools.progress import Progress, Stopwatch, counted, no_progress
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 SHORT_OF = 0.9  # of the time of a lock: up to there a small change of the start is followed
@@ -299,8 +299,7 @@ def run_all(
     """Make the runs; a method that cannot do a formulation is told once."""
     entries: list[TimedRun] = []
     unable: set[tuple[str, str]] = set()
-    for k, (motion, entry) in enumerate(runs):
-        progress(k + 1, len(runs))
+    for motion, entry in counted(runs, progress, "runs"):
         pair = (entry.formulation, entry.method)
         if pair in unable:
             continue

@@ -17,7 +17,7 @@ from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import make_drawing, require_poses
 from robodyn_cli.report.drawing.camera import View, default_camera
 from robodyn_cli.report.drawing.places import along_motion, evenly
-from robodyn_cli.report.movie.frames import Frames, plan_movie
+from robodyn_cli.report.movie.frames import Frames, Seen, plan_movie
 from robodyn_cli.report.style import number, styled
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.result import Result
@@ -180,14 +180,19 @@ KINDS = (".gif", ".mp4", ".webp", ".png")
 
 
 def animate(
-    result: Result, target: Path, speed: float | None = None, fps: float = FPS, follow: str | None = None
+    result: Result,
+    target: Path,
+    speed: float | None = None,
+    fps: float = FPS,
+    follow: str | None = None,
+    seen: Seen = lambda *_: None,
 ) -> MovieReport:
     """Write a movie of a result, or a strip of stills as PNG; return what it shows.
 
     Parameters
     ----------
     speed : seconds of the run in a second of the movie; None for 1, or a round number that makes it some seconds long.
-    follow : a named point that stays in the middle.
+    follow : a named point that stays in the middle. seen : is told how many pictures are drawn, and of how many.
 
     Raises
     ------
@@ -210,7 +215,7 @@ def animate(
     require_encoder(suffix)
     plan = plan_movie(result, speed, fps, suffix == ".gif")
     with styled():
-        write_movie(Frames(result, plan, follow), target)
+        write_movie(Frames(result, plan, follow, seen), target)
     return MovieReport(
         "ok", str(target), target.stat().st_size, frames=plan.frames, held=plan.held, fps=plan.fps,
         speed=plan.speed, duration=plan.frames / plan.fps,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
 
@@ -109,16 +109,22 @@ LEAST, MOST = 2.2, 5.2  # height of the drawing [inch]
 SHOWN_FOR = 1.0  # seconds of the movie for which a moment is told
 
 
+Seen = Callable[[float, float, str], None]
+
+
 class Frames:
     """The frames of a movie: RGBA arrays (height, width, 4) of bytes, height and width even.
 
     Parameters
     ----------
     follow : name of the point that stays in the middle, None for a camera that stands still.
+    seen : is told before each picture that is asked for how many there were, and how many there are.
     """
 
-    def __init__(self, result: Result, plan: MoviePlan, follow: str | None = None) -> None:
-        self.plan = plan
+    def __init__(
+        self, result: Result, plan: MoviePlan, follow: str | None = None, seen: Seen = lambda *_: None
+    ) -> None:
+        self.plan, self.seen = plan, seen
         self.drawing = make_drawing(result, plan.samples)
         places = None if follow is None else result[f"points/{follow}"][plan.samples]
         self.view = View(self.drawing, default_camera(self.drawing), places)
@@ -170,7 +176,9 @@ class Frames:
 
     def __iter__(self) -> Iterator[Array]:
         """Yield the pictures one after another."""
-        return (self.picture(k) for k in range(len(self)))
+        for k in range(len(self)):
+            self.seen(k, len(self), "pictures")
+            yield self.picture(k)
 
     def _write(self, k: int, renderer: Any) -> None:
         """Write the time, and what has just happened."""
