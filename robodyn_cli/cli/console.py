@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.cli.progress_line import ProgressLine, is_terminal
 from robodyn_cli.errors import (
     INTERNAL,
     INTERRUPTED,
@@ -27,6 +26,7 @@ from robodyn_cli.errors import (
 from robodyn_cli.foreign import printable
 
 if TYPE_CHECKING:
+    from robodyn_cli.cli.progress_line import ProgressLine
     from robodyn_cli.results.result import Result
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
@@ -49,7 +49,13 @@ class Console:
         self.quiet = quiet
         self.for_people = not quiet and not as_json  # whether results are printed in words
         self._doing: Callable[[], str] = str
-        self._line = ProgressLine()
+
+    @functools.cached_property
+    def _line(self) -> ProgressLine:
+        """The line of progress: quiet commands, and those that fail before they begin, have none."""
+        from robodyn_cli.cli.progress_line import ProgressLine
+
+        return ProgressLine(is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb")
 
     def say(self, text: str) -> None:
         """Print results for people."""
@@ -106,8 +112,10 @@ class Console:
 
         On a terminal after 2 s, in a line that is written over; elsewhere after 10 s and then once a minute.
         """
-        ended, line = threading.Event(), self._line
-        self._doing = doing
+        if self.quiet:
+            yield
+            return
+        ended, line, self._doing = threading.Event(), self._line, doing
 
         def tell() -> None:
             start = time.monotonic()
@@ -123,14 +131,12 @@ class Console:
                     line.wait(activity, now - start)
 
         teller = threading.Thread(target=tell, daemon=True)
-        if not self.quiet:
-            teller.start()
+        teller.start()
         try:
             yield
         finally:
             ended.set()
-            if not self.quiet:
-                teller.join()  # it writes nothing any more
+            teller.join()  # it writes nothing any more
             self._doing = str
             self.clear()
 
@@ -151,7 +157,8 @@ class Console:
 
     def clear(self) -> None:
         """Remove the progress line."""
-        self._line.clear()
+        if "_line" in vars(self):
+            self._line.clear()
 
 
 def guarded(command: Callable[..., int]) -> Callable[..., int]:
@@ -223,6 +230,11 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
     if isinstance(error, BrokenPipeError):
         return None
     return OutputError(f"cannot write to standard output: {error.strerror}")
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Tell whether somebody reads a stream as it is written."""
+    return stream is not None and stream.isatty()
 
 
 def width(stream: TextIO | None) -> int | None:

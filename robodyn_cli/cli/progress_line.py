@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import threading
 import time
-from typing import TextIO
 
 from robodyn_cli.foreign import printable
 
@@ -22,8 +20,8 @@ class ProgressLine:
     ``pass_of`` is what is done now, as ``error estimate``: a run may have several passes, each with its own time left.
     """
 
-    def __init__(self) -> None:
-        self.on_terminal = is_terminal(sys.stderr) and os.environ.get("TERM") != "dumb"
+    def __init__(self, on_terminal: bool) -> None:
+        self.on_terminal = on_terminal  # and one where a line can be written over
         self.shown, self.reached = 0.0, ""
         self._width = 0
         self._pass, self._part, self._begun = "", 0.0, 0.0
@@ -87,7 +85,3 @@ def columns() -> int:
     """Return the columns of the terminal."""
     return shutil.get_terminal_size().columns
 
-
-def is_terminal(stream: TextIO | None) -> bool:
-    """Tell whether somebody reads a stream as it is written."""
-    return stream is not None and stream.isatty()
