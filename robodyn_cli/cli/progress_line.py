@@ -84,4 +84,3 @@ def duration(seconds: float) -> str:
 def columns() -> int:
     """Return the columns of the terminal."""
     return shutil.get_terminal_size().columns
-
