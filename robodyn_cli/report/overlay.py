@@ -100,7 +100,7 @@ def path_ends(paths: Sequence[Path]) -> list[str]:
 
 def common_plots(results: Sequence[Result]) -> list[str]:
     """Return the plots for which all results have data of the same name."""
-    return [name for name in OVERLAID if shared([_series(result, name) for result in results])]
+    return [name for name in OVERLAID if shared([series_of(result, name) for result in results])]
 
 
 def shared(all_series: Sequence[Series]) -> list[tuple[str, str]]:
@@ -114,7 +114,7 @@ def shared(all_series: Sequence[Series]) -> list[tuple[str, str]]:
 
 def draw_over(results: Mapping[str, Result], name: str) -> Any:
     """Return the figure of a plot of several results, by their labels."""
-    all_series = {label: _series(result, name) for label, result in results.items()}
+    all_series = {label: series_of(result, name) for label, result in results.items()}
     keys = shared(list(all_series.values()))
     panels = sorted(_most_different(keys, list(all_series.values())), key=keys.index)
     titles = {result.title for result in results.values()}
@@ -173,7 +173,7 @@ def _errors(results: Mapping[str, Result], name: str) -> list[str]:
     return [f"{label}: {error_words(result, path)}" for label, result in list(results.items())[:NAMED]] + more
 
 
-def _series(result: Result, name: str) -> Series:
+def series_of(result: Result, name: str) -> Series:
     """Return the quantities of a plot over time."""
     series: Series = {}
     if "time" not in result or not result.time.size:

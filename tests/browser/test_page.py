@@ -290,7 +290,7 @@ def test_text_of_a_scene_runs_nothing(tmp_path: Path, opened: Opener) -> None:
     assert page.title() == "2 results - robodyn"
     assert page.locator("img:not([src^='data:image/'])").count() == 0
     assert page.locator("script:not([type])").count() == 1
-    assert evil in page.locator("h2").first.inner_text()
+    assert evil in page.locator("#result-1 h2").inner_text()
 
 
 def test_the_policy_stops_a_script_that_got_in(
@@ -377,3 +377,34 @@ def test_zeros_errors_and_what_is_lost_are_seen_on_the_page(tmp_path: Path, open
         assert bands == (3 if title == "Joint angles" else 0)
     set_slider(page, 60)
     assert plot.locator(".legend span").all_inner_texts()[:3] == ["0", "0", "0"]
+
+
+def test_results_are_compared_filtered_and_laid_over_one_another(tmp_path: Path, opened: Opener) -> None:
+    """Differences carry the sum of both errors, in the table and in the chart; a filter leaves what holds its words."""
+    results = []
+    for k in range(3):
+        result = four_bar_result(201)
+        result.title, result["q"][:] = f"Run {k}", result["q"] + 0.125 * k
+        result.summary["lock"] = {"time": 12.0 + 0.5 * k, "time_error": 1e-9, "kind": "dead_point"}
+        result.summary["error_estimate"] = {"method": "m", "q_max": 1e-6}
+        results.append(result)
+    write_page([Shown(f"r{k}", result) for k, result in enumerate(results)], tmp_path / "three.html")
+    page = opened(tmp_path / "three.html")
+    page.locator(".to").select_option(label="Run 0")
+    row = page.locator(".sided tr", has=page.locator("th:has-text('lock.time')")).first
+    assert row.locator("td").all_inner_texts() == [
+        "12.000000000 ± 1·10⁻⁹ s", "+0.5000000000 ± 2.1·10⁻⁹ s", "+1.0000000000 ± 2.1·10⁻⁹ s"]  # fmt: skip
+    told = page.locator(".overlay .told")
+    assert "both errors added: 2·10⁻⁶ rad" in told.inner_text()
+    assert page.locator(".overlay .legend li").count() == 2, "the chosen one less itself is no line"
+    page.locator(".filter").fill("R2 dead")
+    assert page.locator("nav li:visible a").all_inner_texts() == ["Run 2"]
+    assert page.locator("#result-1").is_hidden() and page.locator("#result-3").is_visible()
+    assert page.locator(".count").inner_text() == "1 of 3 results"
+    page.locator(".filter").fill("")
+    page.locator(".to").select_option(value="")
+    assert row.locator("td").nth(1).inner_text() == "12.500000000 ± 1·10⁻⁹ s"
+    page.get_by_role("checkbox", name="lines of Run 1").uncheck()
+    assert page.locator(".overlay .legend button").all_inner_texts() == [" Run 0", " Run 2"]
+    page.set_viewport_size({"width": 390, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390

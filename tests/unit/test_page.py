@@ -23,6 +23,7 @@ from robodyn_cli.report.figures import shown_errors, shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.page import Shown, _plot, make_page
+from robodyn_cli.report.page.several import SideBySide, compared
 from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import (
     Html,
@@ -40,6 +41,7 @@ from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.moments import Moment
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.scene.text.leaves import leaves_of_text
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.linearise.linearise import linearise
 from tests.unit.synthetic_results import (
@@ -449,3 +451,43 @@ def test_mistakes_are_one_message_and_leave_nothing(
         said = capsys.readouterr().err
         assert message in said and said.count("robodyn: error:") == 1, said
         assert list(place.iterdir()) == [], words
+
+
+# -- several results ------------------------------------------------------------------------------------------
+def test_figures_differ_beyond_their_errors_or_within_them() -> None:
+    for first, second, mark in (
+        (Quantity(1.0, "s", 0.1), Quantity(1.15, "s", 0.1), "within"),
+        (Quantity(1.0, "s", 0.1), Quantity(1.25, "s", 0.1), "differ"),
+        (Quantity(1.0, "s", 0.1), None, ""),
+        (Quantity(1.0, "s", 0.1), Quantity(1.0, "s", 0.0), ""),
+        (1.0, 1.0 + 1e-15, "differ"),
+        ("a", "a", ""),
+        ("a", "b", "differ"),
+    ):
+        assert SideBySide("x", [first, second]).mark == mark, (first, second)
+
+
+def test_scenes_are_told_apart_by_their_keys() -> None:
+    first = leaves_of_text(TURNING_AND_SLIDING)
+    second = leaves_of_text(TURNING_AND_SLIDING.replace("mass: 2", "mass: 3"))
+    assert {key for key in first if first[key] != second[key]} == {"robot.links.arm.mass"}
+    assert first["gravity"] == "[0, 0, -9.81]" and leaves_of_text("{") == {}
+    texts = [TURNING_AND_SLIDING, TURNING_AND_SLIDING.replace("mass: 2", "mass: 3")]
+    found = compared([inverse(load_scene_text(text)) for text in texts])
+    given = [one for one in found if one.given]
+    assert [(one.name, one.values) for one in given] == [("robot.links.arm.mass", ["2", "3"])]
+    by_name = {one.name: one for one in found}
+    assert by_name["joints.theta.peak_torque"].mark == "differ"
+    assert by_name["joints.theta.peak_speed"].mark == "" and "wall_time_s.total" not in by_name
+
+
+def test_a_page_of_very_many_results_stays_small() -> None:
+    """Its table has a row a result, each figure with its error; drawings and plots of each are left out."""
+    results = [four_bar_result(301) for _ in range(30)]
+    for k, result in enumerate(results):
+        result.summary["lock"] = {"time": 12.0 + 0.01 * k, "time_error": 1e-9, "kind": "dead_point"}
+    page = make_page([Shown(f"r{k}", result) for k, result in enumerate(results)])
+    assert len(page) < 3e6 and page.count('class="scene"') == 0 and 'class="plot"' not in page
+    assert page.count("<tr data-of=") == 30 and ">12.290000000 ± 1·10⁻⁹ s</td>" in page
+    few = make_page([Shown(f"r{k}", result) for k, result in enumerate(results[:2])])
+    assert few.count('class="scene"') == 2 and '<tr class="differ figure"' in few

@@ -79,6 +79,7 @@ def shown(results: Sequence[Stored], planned: bool, live: Sequence[Asked] = ()) 
     from robodyn_cli.over.batch.stored import read_all
     from robodyn_cli.report.overlay import path_ends
     from robodyn_cli.report.page.page import Shown
+    from robodyn_cli.report.page.several import WHOLE
 
     paths, read = zip(*read_all(results))
     for path, result in zip(paths, read):
@@ -88,6 +89,7 @@ def shown(results: Sequence[Stored], planned: bool, live: Sequence[Asked] = ()) 
         from robodyn_cli.over.live.pages import live_parts
 
         parts = live_parts(read, live)
+    planned = planned and len(read) <= WHOLE
     return [
         Shown(label, result, plan_of(result) if planned else None, part)
         for label, result, part in zip(path_ends(paths), read, parts)

@@ -30,7 +30,7 @@ function chartOf(data, arrays) {
 }
 
 function start() {
-  const { arrays: packed, figures, live } = JSON.parse(document.getElementById("data").textContent);
+  const { arrays: packed, figures, live, several } = JSON.parse(document.getElementById("data").textContent);
   const arrays = packed.map(unpacked), cursors = new Map();
   for (const section of document.querySelectorAll("[data-result]")) {
     let cursor = new Cursor();
@@ -42,8 +42,9 @@ function start() {
     cursors.set(section, cursor);
   }
   if (live) startLive(live, cursors);
+  const beside = several ? new Several(several, arrays) : null;
   // on paper all plots are there, two on a page, and what is folded
-  const printed = () => [...cursors.values()].flatMap((cursor) => cursor.charts);
+  const printed = () => [...cursors.values(), beside?.cursor].filter(Boolean).flatMap((cursor) => cursor.charts);
   let folded = [];
   window.addEventListener("beforeprint", () => {
     for (const chart of printed()) {

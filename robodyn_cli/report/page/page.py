@@ -18,7 +18,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes, shown_errors, shown_units
-from robodyn_cli.report.page import tables
+from robodyn_cli.report.page import several, tables
 from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned, looks
 from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.summary import summary_tables
@@ -48,6 +48,7 @@ LIVE_GIVEN = (
     "those of the command; plots and tables below are of the stored result. What is marked below a slider is left to "
     "the command."
 )
+SHORT = f"Pages of more than {several.WHOLE} results have no drawing and plots of each; a page of this one alone has."
 THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
 
 
@@ -61,27 +62,27 @@ class Shown:
     live: Mapping[str, Any] | None = None
 
 
-def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
+def section(place: int, shown: Shown, store: Store, among: int | None) -> Html:
     """Return the section of the ``place``-th result; what the script draws goes into ``store``.
 
-    alone : whether it is the page's only one, whose title is that of the page.
+    among : how many results there are, None of the page's only one, whose title is that of the page. Among very many
+    it has no drawing and plots of its own.
 
     Raises
     ------
     CapabilityError : the result has poses, but this version cannot read its scene.
     """
     result = shown.result
-    moving = has_poses(result)
+    moving, whole = has_poses(result), among is None or among <= several.WHOLE
     parts: list[Any] = [
-        _head(shown, alone),
-        _motion(result, store) if moving else None,
+        _head(shown, among is None),
+        _motion(result, store) if moving and whole else None,
         None if shown.live is None else _live(place, store, shown.live, result),
         tables.main_figures(result),
-        _plots(result, store, moving),
-        element("h3", "Summary"),
-        _summary(result),
+        _plots(result, store, moving) if whole else element("p", SHORT, class_="note"),
+        _summary(result, whole),
     ]
-    if shown.plan is not None:
+    if shown.plan is not None and whole:
         parts += [element("h3", "Plan"), tables.plan_tables(shown.plan)]
     scene = element("summary", "the scene as it was run"), element("pre", result.scene_text)
     parts += [
@@ -92,9 +93,12 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
     return element("section", parts, id=f"result-{place}", data_result=True)
 
 
-def _summary(result: Result) -> Html:
+def _summary(result: Result, whole: bool) -> Html:
     found = summary_tables(result.summary, shown_units(result), shown_errors(result))
-    return element("div", found, class_="tables")
+    inside = element("div", found, class_="tables")
+    if whole:
+        return markup([element("h3", "Summary"), inside])
+    return element("details", element("summary", "Summary"), inside, class_="whole-summary")
 
 
 def _head(shown: Shown, alone: bool) -> Html:
@@ -284,8 +288,18 @@ def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
 
 
 # one after another they are the script of the page
-SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "axes.js", "charts.js", "pointing.js", "saved.js")
+SCRIPTS = (
+    "words.js",
+    "strokes.js",
+    "surfaces.js",
+    "player.js",
+    "axes.js",
+    "charts.js",
+    "pointing.js",
+    "saved.js",
+)
 RUNNING = ("rules.js", "runner.js", "given.js", "sweep.js", "live.js")  # where scenes run in the page
+BESIDE = ("several.js",)  # where there are several results
 STYLE = "page.css"
 
 
@@ -305,36 +319,46 @@ def make_page(shown: Sequence[Shown]) -> str:
     """Return the page of results, one below another, with a table of contents where there are several."""
     store = Store()
     alone = len(shown) == 1
-    sections = [section(place, one, store, alone) for place, one in enumerate(shown, 1)]
+    sections = [
+        section(place, one, store, None if alone else len(shown)) for place, one in enumerate(shown, 1)
+    ]
     titles = {one.result.title or one.label for one in shown}
     heading = f"{len(shown)} results" if len(titles) > 1 else titles.pop()
+    main, beside = [element("main", sections)], {}
+    if not alone:
+        results, names = [one.result for one in shown], _names(shown)
+        compared, beside["several"] = several.beside(names, results, store.arrays)
+        main = [several.contents(names, results), element("main", compared, sections)]
+    noscript = element("p", "Drawings and plots need JavaScript; the tables do not.", class_="note")
     body = [
-        None if alone else element("header", element("h1", heading), _contents(shown)),
-        element(
-            "noscript", element("p", "Drawings and plots need JavaScript; the tables do not.", class_="note")
-        ),
-        element("main", sections),
+        None if alone else element("header", element("h1", heading)),
+        element("noscript", noscript),
+        main if alone else element("div", main, class_="with-list"),
         element("footer", f"Made by robodyn {__version__}. This page fetches nothing and sends nothing."),
-        json_block({"arrays": store.arrays.packed, "figures": store.figures, **store.running}, "data"),
+        json_block(
+            {"arrays": store.arrays.packed, "figures": store.figures, **store.running, **beside}, "data"
+        ),
     ]
-    return _document(heading, markup(body), bool(store.running))
+    scripts = [*(RUNNING if store.running else ()), *(BESIDE if beside else ())]
+    return _document(heading, markup(body), scripts)
 
 
-def _contents(shown: Sequence[Shown]) -> Html:
-    links = [
-        element(
-            "li",
-            element("a", one.result.title or one.label, href=f"#result-{place}"),
-            f" ({one.label}: {one.result.status.replace('_', ' ')})",
-        )
-        for place, one in enumerate(shown, 1)
+def _names(shown: Sequence[Shown]) -> list[tuple[str, str]]:
+    """Return the name of each result on the page, and what else the list says of it: titles where they tell apart."""
+    titles = [one.result.title or one.label for one in shown]
+    if len(set(titles)) == 1:
+        return [(one.label, one.result.command) for one in shown]
+    return [
+        (title, f"{one.result.command} {one.label}")
+        if titles.count(title) == 1
+        else (f"{title} ({one.label})", one.result.command)
+        for title, one in zip(titles, shown)
     ]
-    return element("nav", element("ol", links), aria_label="Results")
 
 
-def _document(title: str, body: Html, runs: bool) -> str:
-    """Return the page; runs : whether scenes run in it, for which the policy lets WebAssembly be compiled."""
-    names = (*SCRIPTS, *(RUNNING if runs else ()), "page.js")
+def _document(title: str, body: Html, scripts: Sequence[str]) -> str:
+    """Return the page; scripts : beside those of every page. Where scenes run WebAssembly may be compiled."""
+    names, runs = (*SCRIPTS, *scripts, "page.js"), any(name in RUNNING for name in scripts)
     script, style = Html("\n".join(_asset(name) for name in names)), Html(_asset(STYLE))
     wasm = " 'wasm-unsafe-eval'" if runs else ""
     policy = (

@@ -1,0 +1,308 @@
+"""Several results beside one another: figures in one table, signals in one chart, and what tells the scenes apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.commands import COMMANDS
+from robodyn_cli.record import record
+from robodyn_cli.report.lines import envelope
+from robodyn_cli.report.overlay import OVERLAID, series_of
+from robodyn_cli.report.page.charts import Arrays, looks
+from robodyn_cli.report.page.summary import told_of
+from robodyn_cli.report.page.tables import Html, Quantity, element, typeset, written
+from robodyn_cli.report.page.verdict import verdicts
+from robodyn_cli.report.style import labelled, unit
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import meaningful_until
+from robodyn_cli.scene.text.leaves import leaves_of_text
+from robodyn_cli.summaries.keys import leaf_of
+
+WHOLE = 12  # results that have drawings and plots of their own
+ABREAST = 6  # results that stand side by side; more are rows
+MOST_FIGURES = 80  # of the table
+LACKING = 12  # keys that only some scenes have; more are scenes of different things
+POINTS = 600_000  # of all lines over one another: 10 MB as text
+FEWEST = 60  # of a line
+DRAWN = 8  # results whose lines are seen first
+DIFFER, WITHIN = "differ", "within"  # what marks figures: more apart than their errors, or less
+MARKS = {DIFFER: ("≠", "differ by more than their errors"), WITHIN: ("≈", "differ within their errors")}
+
+
+@record
+class SideBySide:
+    """A figure of several results: its name, what each has (None where it has none), whether it is of the scene."""
+
+    name: str
+    values: Sequence[Any]
+    given: bool = False
+
+    @property
+    def mark(self) -> str:
+        """Whether the values differ, beyond the errors of both, or within them; empty where they are equal."""
+        there = [value for value in self.values if value is not None]
+        numbers = [_number(value) for value in there]
+        if all(one is not None for one in numbers):
+            low = max((x - e for x, e in filter(None, numbers)), default=0.0)
+            high = min((x + e for x, e in filter(None, numbers)), default=0.0)
+            if low > high:
+                return DIFFER
+            return WITHIN if len({x for x, _ in filter(None, numbers)}) > 1 else ""
+        return DIFFER if len({written(value) for value in there}) > 1 else ""
+
+
+def _number(value: Any) -> tuple[float, float] | None:
+    """Return a number and its error, 0 where none is stated."""
+    inner, error = (value.value, value.error) if isinstance(value, Quantity) else (value, None)
+    plain = isinstance(inner, int | float) and not isinstance(inner, bool) and math.isfinite(inner)
+    return (float(inner), error or 0.0) if plain else None
+
+
+def compared(results: Sequence[Result]) -> list[SideBySide]:
+    """Return what tells scenes apart, how runs ended, and the figures that any of the results has."""
+    ends = [", ".join(one.words for one in verdicts(result)) for result in results]
+    found = [SideBySide("outcome", ends), *_of_scenes(results)]
+    told = [dict(_figures(result)) for result in results]
+    names = list(dict.fromkeys(name for one in told for name in one))
+    figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
+    return [*found, *sorted(figures, key=lambda one: one.mark != DIFFER)[:MOST_FIGURES]]
+
+
+def _of_scenes(results: Sequence[Result]) -> Iterator[SideBySide]:
+    """Yield keys of the scenes that have other values in some of them; those that some lack if these are few."""
+    scenes = [leaves_of_text(result.scene_text) for result in results]
+    changed, lacking = [], []
+    for key in dict.fromkeys(key for one in scenes for key in one):
+        values = [one.get(key) for one in scenes]
+        there = {value for value in values if value is not None}
+        if len(there) > 1 and key != "title":
+            changed.append(SideBySide(key, values, given=True))
+        elif None in values:
+            lacking.append(SideBySide(key, values, given=True))
+    yield from changed
+    if len(lacking) <= LACKING:
+        yield from lacking
+
+
+def _figures(result: Result) -> Iterator[tuple[str, Any]]:
+    """Yield the figures of a result that have an error, or a place among the main ones, by their keys."""
+    if result.command in COMMANDS:
+        for key, value in _flat(told_of(result)):
+            leaf = leaf_of(result.command, key)
+            told = leaf is not None and not leaf.fact.about_run and (leaf.errors or leaf.fact.column)
+            if told and _number(value) is not None:
+                yield key, value
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    items: Any = ()
+    if isinstance(value, Mapping):
+        items = value.items()
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        items = enumerate(value)
+    else:
+        yield key, value
+    for name, item in items:
+        yield from _flat(item, f"{key}.{name}" if key else str(name))
+
+
+# -- the table ------------------------------------------------------------------------------------------------
+def figures_table(labels: Sequence[str], found: Sequence[SideBySide]) -> Html:
+    """Return the table of figures: a column a result where there are few, else a row a result."""
+    marks = [one.mark for one in found]
+    if len(labels) <= ABREAST:
+        head = ["", *(_name(k, label, "col") for k, label in enumerate(labels))]
+        rows = [
+            [_figure_head(one, marks[n], "row"), *(_cell(value, k, n) for k, value in enumerate(one.values))]
+            for n, one in enumerate(found)
+        ]
+        content = [
+            element("tr", row, class_=f"{mark} figure".strip(), data_figure_row=str(n))
+            for n, (row, mark) in enumerate(zip(rows, marks))
+        ]
+    else:
+        head = ["", *(_figure_head(one, marks[n], "col", n) for n, one in enumerate(found))]
+        content = [
+            element(
+                "tr",
+                _name(k, label, "row"),
+                [_cell(one.values[k], k, n, marks[n]) for n, one in enumerate(found)],
+                data_of=str(k),
+            )
+            for k, label in enumerate(labels)
+        ]
+    tops = [x if isinstance(x, Html) else element("td", x) for x in head]
+    table = element("table", element("thead", element("tr", tops)), element("tbody", content))
+    return element("div", table, class_="wide sided", tabindex="0", role="region", aria_label="Figures")
+
+
+def _name(k: int, label: str, scope: str) -> Html:
+    link = element("a", label, href=f"#result-{k + 1}")
+    return element("th", link, scope=scope, data_of=str(k) if scope == "col" else None)
+
+
+def _figure_head(one: SideBySide, mark: str, scope: str, n: int | None = None) -> Html:
+    """Return the name of a figure with the mark that tells whether it differs."""
+    name = one.name.replace("_", " ") if not one.given else one.name
+    words: list[Any] = [element("span", name)]
+    if mark in MARKS:
+        sign, meaning = MARKS[mark]
+        words.append(
+            element("span", f" {sign}", class_="mark", title=meaning, role="img", aria_label=meaning)
+        )
+    if n is None:
+        return element("th", words, scope=scope)
+    button = element("button", words, type="button", class_="sort", data_sort=str(n))
+    return element("th", button, scope=scope, class_=mark or None)
+
+
+def _cell(value: Any, k: int, n: int, mark: str = "") -> Html:
+    """Return a cell with its number and error for the script that makes differences."""
+    number = _number(value)
+    if value is None:
+        return element("td", data_of=str(k), data_row=str(n))
+    data = {} if number is None else {"data_v": repr(number[0]), "data_e": repr(number[1])}
+    if number is not None and isinstance(value, Quantity):
+        data["data_u"] = unit(value.unit)
+        data["data_known"] = "yes" if value.error is not None else "no"
+    text = typeset(value) if isinstance(value, str) else written(value)
+    shown = "number" if number is not None else ""
+    return element(
+        "td", text, class_=f"{shown} {mark}".strip() or None, data_of=str(k), data_row=str(n), **data
+    )
+
+
+# -- lines over one another -----------------------------------------------------------------------------------
+def overlay_data(labels: Sequence[str], results: Sequence[Result], arrays: Arrays) -> dict[str, Any]:
+    """Return the signals of several results, those that most of them have first; arrays go into ``arrays``.
+
+    Lines of long results are thinned to their smallest and largest samples, so that a page stays small.
+    """
+    signals: dict[tuple[str, str, str], list[tuple[int, Any, Any]]] = {}
+    for k, result in enumerate(results):
+        for plot in OVERLAID:
+            for (name, units), (time, one) in series_of(result, plot).items():
+                signals.setdefault((plot, name, units), []).append((k, time, one))
+    lines = sum(len(lines) for lines in signals.values())
+    most = max(FEWEST, POINTS // max(1, lines))
+    listed = []
+    for (plot, name, units), of in sorted(signals.items(), key=lambda item: -len(item[1])):
+        own = []
+        for k, time, one in of:
+            x, y = one.lines(time)[0]
+            x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+            kept = envelope(x, y, max(1, most // 4))
+            thinned = len(kept[0]) < len(x)
+            error = float(one.error[0])
+            own.append(
+                {
+                    "of": k,
+                    "x": arrays.put(kept[0], double=not thinned),
+                    "y": arrays.put(kept[1], double=not thinned and len(results) <= WHOLE),
+                    "thinned": thinned,
+                    "error": error if math.isfinite(error) else None,
+                }
+            )
+        words = f"{plot.replace('_', ' ')}: {name}"
+        listed.append({"name": words, "label": labelled(name, units), "unit": unit(units), "lines": own})
+    ends = [meaningful_until(result.summary) for result in results]
+    return {
+        "labels": list(labels),
+        "looks": looks(len(results)),
+        "signals": listed,
+        "until": [end if math.isfinite(end) else None for end in ends],
+    }
+
+
+# -- the page -------------------------------------------------------------------------------------------------
+def beside(
+    titles: Sequence[tuple[str, str]], results: Sequence[Result], arrays: Arrays
+) -> tuple[Html, dict[str, Any]]:
+    """Return the list of results and what stands above them, and what the script shows of them.
+
+    titles : label of each result on this page, and its words for the list.
+    """
+    labels = [label for label, _ in titles]
+    data = overlay_data(labels, results, arrays)
+    return element("div", _compare(labels, compared(results), data), class_="compare"), data
+
+
+def contents(titles: Sequence[tuple[str, str]], results: Sequence[Result]) -> Html:
+    """Return the list of results: a box for its lines, a link, what became of it."""
+    rows = []
+    for k, ((label, words), result) in enumerate(zip(titles, results)):
+        outcome = [
+            [element("span", one.words, class_="alarm" if one.alarming else None), ", "]
+            for one in verdicts(result)
+        ]
+        box = element(
+            "input", type="checkbox", checked=k < DRAWN, data_line=str(k), aria_label=f"lines of {label}"
+        )
+        rows.append(
+            element(
+                "li",
+                box,
+                element("svg", class_="swatch", viewBox="0 0 30 12", aria_hidden="true"),
+                element("a", label, href=f"#result-{k + 1}"),
+                element("small", outcome, words),
+                data_of=str(k),
+            )
+        )
+    count = f"{len(results)} results"
+    asked = element(
+        "label",
+        element("span", "Filter results"),
+        element("input", type="search", class_="filter", autocomplete="off", spellcheck="false"),
+        class_="asked",
+    )
+    all_of = element(
+        "p",
+        element("button", "all lines", type="button", data_all="yes"),
+        " ",
+        element("button", "no lines", type="button", data_all="no"),
+        class_="asked",
+    )
+    told = element("p", count, class_="note count", role="status")
+    return element("nav", [asked, told, all_of, element("ol", rows)], aria_label="Results", class_="results")
+
+
+def _compare(labels: Sequence[str], found: Sequence[SideBySide], data: Mapping[str, Any]) -> list[Html]:
+    """Return the table of figures and the chart of signals, with what is asked of them."""
+    choices = [element("option", label, value=str(k)) for k, label in enumerate(labels)]
+    to = element(
+        "label",
+        "Differences to ",
+        element("select", [element("option", "none", value=""), *choices], class_="to"),
+        class_="asked",
+    )
+    few = element(
+        "label", element("input", type="checkbox", class_="differing"), "only what differs", class_="asked"
+    )
+    legend = "≠ differ by more than their errors; ≈ differ within them; blank: the result has no such figure."
+    parts = [
+        element("h2", "Side by side", id="side-by-side"),
+        element("p", [to, few], class_="controls"),
+        element("p", legend, class_="note"),
+        figures_table(labels, found),
+    ]
+    if data["signals"]:
+        options = [
+            element("option", f"{one['name']} ({len(one['lines'])})", value=str(k))
+            for k, one in enumerate(data["signals"])
+        ]
+        asked = element("label", "Signal ", element("select", options, class_="signal"))
+        chart = [element("p", asked, class_="controls"), element("div", class_="drawn")]
+        parts.append(
+            element(
+                "figure",
+                element("h3", "Over one another"),
+                chart,
+                element("p", class_="note told", role="status"),
+                class_="overlay",
+            )
+        )
+    return parts
