@@ -47,6 +47,9 @@ def inverse(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -60,6 +63,9 @@ def simulate(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     no_error_estimate: bool = False,
     resume: bool = False,
@@ -77,6 +83,9 @@ def deploy(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     no_error_estimate: bool = False,
     progress: _Progress | None = None,
@@ -91,6 +100,9 @@ def kinematics(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -106,6 +118,9 @@ def assemble(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -123,6 +138,9 @@ def reach(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -136,6 +154,9 @@ def statics(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -157,6 +178,9 @@ def linearise(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -174,6 +198,9 @@ def size(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     strict: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
@@ -236,6 +263,9 @@ def crosscheck(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Compare a scene with Pinocchio, MuJoCo or Drake."""
@@ -288,6 +318,9 @@ def info(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Tree, frames, M, C, G and Jacobians at a state."""
@@ -308,6 +341,9 @@ def plot(
     out: _Path = 'plots',
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Report:
     """Draw stored results again, several over one another."""
@@ -328,6 +364,9 @@ def optimise(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Search for values of keys: the least or largest output, or outputs at targets."""
@@ -355,6 +394,9 @@ def run(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     baseline: _Path | None = None,
     update_baseline: bool = False,
     rtol: float | str = 1e-09,
@@ -380,6 +422,9 @@ def sensitivity(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Derivatives of figures of a run by numbers of its scene."""
@@ -395,6 +440,9 @@ def stability(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Stiffness, step limits, and what each method does."""
@@ -416,6 +464,9 @@ def sweep(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Many runs with other values of some keys: sweeps and Monte Carlo."""
@@ -449,6 +500,9 @@ def work_precision(
     no_plots: bool = False,
     plots: _Words | None = None,
     format: str = 'png',
+    style: str = 'screen',
+    width: str | None = None,
+    no_titles: bool = False,
     progress: _Progress | None = None,
 ) -> Result:
     """Error against run time, for every method."""

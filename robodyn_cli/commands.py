@@ -343,6 +343,7 @@ COMMANDS: dict[str, Command] = {
 
 # kinds of files that plots are drawn as
 PLOT_FORMATS = ("png", "svg", "pdf")
+PLOT_STYLES = ("screen", "paper", "slides")
 
 # ways in which samples of a study are drawn
 SAMPLERS = ("random", "sobol", "latin")

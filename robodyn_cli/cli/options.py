@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.plot_options import NoPlots, NoTitles, PlotFormat, PlotNames, PlotStyle, PlotWidth
 from robodyn_cli.cli.runner import SceneRun, default_directory
-from robodyn_cli.commands import PLOT_FORMATS
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -81,17 +81,6 @@ def quantity(unit: str) -> Callable[[str], float]:
     return read
 
 
-def choice(*allowed: str) -> Callable[[str], str]:
-    """Return the parser of one of some words: a function that raises BadParameter for any other."""
-
-    def read(word: str) -> str:
-        if word not in allowed:
-            raise typer.BadParameter(f"{word!r}; allowed: {', '.join(allowed)}")
-        return word
-
-    return read
-
-
 def file(path: Any) -> Any:
     """Return the path of a scene, or the paths of several.
 
@@ -143,38 +132,6 @@ Overrides = Annotated[
 ]
 
 
-def plot_list(words: str) -> tuple[str, ...]:
-    """Return the names of plots in a list with commas.
-
-    Raises
-    ------
-    BadParameter : there is no such plot.
-    """
-    from robodyn_cli.report.registry import PLOTS
-
-    names, known = tuple(word.strip() for word in words.split(",")), PLOTS
-    for name in names:
-        if name not in known:
-            hint = did_you_mean(name, known)
-            raise typer.BadParameter(f"no plot {name!r}{hint}; allowed: {', '.join(known)}")
-    return names
-
-
-PlotNames = Annotated[
-    Any,
-    typer.Option("--plots", metavar="NAME,...", parser=plot_list, help="Draw these plots. [default: all]"),
-]
-PlotFormat = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        metavar="KIND",
-        parser=choice(*PLOT_FORMATS),
-        help="Kind of file of plots: png, svg or pdf.",
-    ),
-]
-
-
 def _live_key(word: str) -> tuple[str, str, str]:
     key, _, span = word.rpartition("=")
     low, _, high = span.partition(":")
@@ -198,7 +155,6 @@ NoPlan = Annotated[
     bool,
     typer.Option("--no-plan", help="Leave the plan of the scene out, which takes longest of large ones."),
 ]
-NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -276,6 +232,9 @@ class SharedOptions:
     no_plots: NoPlots = False
     plots: PlotNames = None
     format_: PlotFormat = "png"
+    style: PlotStyle = "screen"
+    width: PlotWidth = None
+    no_titles: NoTitles = False
     as_json: AsJson = False
     quiet: Quiet = False
     kept: Any = None
@@ -287,7 +246,7 @@ class SharedOptions:
             return None
         from robodyn_cli.report.registry import Drawings
 
-        return Drawings(self.plots, self.format_)
+        return Drawings(self.plots, self.format_, self.style, self.width, self.no_titles)
 
     def directory(self, scene: Path | None, command: str) -> Path | None:
         """Return where the results of a command on a scene go; None where they stay in memory."""

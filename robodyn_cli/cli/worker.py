@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import sys
@@ -25,7 +26,7 @@ def command_line(
     package = str(Path(__file__).parents[2])
     code = f"import sys; sys.path[0] = {package!r}; from robodyn_cli.cli.worker import main; main()"
     job = {"command": command, "scene": str(scene), "out": str(directory), "overrides": list(overrides),
-           "drawings": None if drawings is None else [drawings.names, drawings.suffix]}  # fmt: skip
+           "drawings": None if drawings is None else dataclasses.asdict(drawings)}  # fmt: skip
     return [sys.executable, "-c", code, json.dumps(job)]
 
 
@@ -36,12 +37,14 @@ def main() -> None:
     interrupts.end(_run(**json.loads(sys.argv[1])))
 
 
-def _run(command: str, scene: str, out: str, overrides: list[str], drawings: list[Any] | None) -> int:
+def _run(command: str, scene: str, out: str, overrides: list[str], drawings: dict[str, Any] | None) -> int:
     from robodyn_cli.cli.console import Console, guarded
     from robodyn_cli.cli.runner import SceneRun, run_scene
     from robodyn_cli.report.registry import Drawings
 
-    drawn = None if drawings is None else Drawings(drawings[0] and tuple(drawings[0]), drawings[1])
+    drawn = None
+    if drawings is not None:
+        drawn = Drawings(**{**drawings, "names": drawings["names"] and tuple(drawings["names"])})
     job = SceneRun(command, Path(scene), Path(out), overrides, drawn)
     return guarded(lambda: run_scene(job, Console(as_json=True, quiet=True), lambda summary: ""))()
 

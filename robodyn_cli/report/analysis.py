@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import CHARACTER, Sheet, legend_shape
+from robodyn_cli.report.canvas import CHARACTER, NOTE, TITLE, Sheet, legend_shape
+from robodyn_cli.report.format import current
 from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -111,9 +112,10 @@ def titled(width: float, height: float, result: Result, subtitle: str) -> Figure
     """Return a figure, its size in inches, with the title of the result and a line below it."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=120)
-    figure.text(0.1, 1 - 0.22 / height, result.title, fontsize=11, fontweight="bold", va="center")
-    figure.text(0.1, 1 - 0.45 / height, subtitle, color=GREY, va="center")
+    figure, seen = Figure(figsize=(width, height), dpi=current().dpi), current().titles
+    look: dict[str, Any] = {"va": "center", "visible": seen}
+    figure.text(0.1, 1 - 0.22 / height, result.title, fontsize=11, fontweight="bold", label=TITLE, **look)
+    figure.text(0.1, 1 - 0.45 / height, subtitle, color=GREY, label=NOTE, **look)
     return figure
 
 

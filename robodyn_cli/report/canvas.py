@@ -20,14 +20,12 @@ from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
+from robodyn_cli.report.format import NARROW, current
 from robodyn_cli.report.style import PlainFormatter, number
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.moments import lock
 from robodyn_cli.results.output_dir import CREATOR, MARK
 from robodyn_cli.results.result import Result
-
-# Characters of a caption that fit on a line.
-NOTE_WIDTH = 90
 
 
 def failure_note(result: Result) -> list[str]:
@@ -41,7 +39,9 @@ def failure_note(result: Result) -> list[str]:
     time = termination.get("time")
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
-    return textwrap.wrap(f"Run failed at t = {number(float(time), 6)} s: {reason}", NOTE_WIDTH, max_lines=2)
+    return textwrap.wrap(
+        f"Run failed at t = {number(float(time), 6)} s: {reason}", current().characters, max_lines=2
+    )
 
 
 def sharing_note(result: Result) -> str:
@@ -84,7 +84,6 @@ def growth_times(result: Result) -> list[tuple[float, float]]:
 # labels of the texts above the panels: a page says titles itself, and sets notes as a caption; of a note that takes
 # several lines the further ones
 TITLE, NOTE, MORE = "title", "note", "note goes on"
-WIDTH = 7.0
 LEFT, RIGHT = 0.8, 0.3
 DEGREES = 0.36
 BAR = 0.85
@@ -121,31 +120,42 @@ class Panels:
     numbered: bool = True
 
 
+def panel_width(across: int = 1) -> float:
+    """Return the width of each of so many panels side by side [inch]."""
+    across = across if current().width >= NARROW else 1
+    return (current().width - LEFT - RIGHT - (across - 1) * BETWEEN) / across
+
+
 class Sheet:
     """A figure with its panels; legend and captions are placed around them."""
 
     def __init__(self, result: Result, subtitle: str, **layout: Any) -> None:
         """Lay out the panels; ``layout`` : fields of ``Panels``."""
         shape = Panels(**layout)
-        panels, across, height, gap = shape.panels, shape.across, shape.height, shape.gap
-        title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
-        alarms = [line for text in shape.told for line in textwrap.wrap(text, NOTE_WIDTH, max_lines=2)]
+        form = current()
+        panels, height, gap = shape.panels, shape.height, shape.gap
+        across = shape.across if form.width >= NARROW else 1
+        title = textwrap.wrap(
+            result.title or result.command, int(0.8 * form.characters), max_lines=2, placeholder=" ..."
+        )
+        alarms = [line for text in shape.told for line in textwrap.wrap(text, form.characters, max_lines=2)]
         alarms += failure_note(result)
-        said = [textwrap.wrap(subtitle, NOTE_WIDTH)]
-        said += [textwrap.wrap(text, NOTE_WIDTH, max_lines=2) for text in shape.captions]
+        said = [textwrap.wrap(subtitle, form.characters)]
+        said += [textwrap.wrap(text, form.characters, max_lines=2) for text in shape.captions]
         labels = [MORE if k else NOTE for own in said for k in range(len(own))]
         notes = [*(line for own in said for line in own), *alarms]
         self.columns, lines = legend_shape(list(shape.labels))
-        lines_above = len(notes) + (1 if shape.titled else 0)
-        top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * lines_above + 0.14
+        lines_above = (len(notes) if form.titles else len(alarms)) + (1 if shape.titled else 0)
+        top = 0.12 + TITLE_LINE * len(title) * form.titles + SUBTITLE_LINE * lines_above + 0.14
         below = X_LABEL if shape.numbered else 0.1
         bottom = below + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
         rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
-        self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
+        WIDTH = form.width
+        self.figure = Figure(figsize=(WIDTH, total), dpi=form.dpi)
         width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0) - (BAR if shape.bars else 0.0)
         wide = (width - (across - 1) * shape.between) / across
-        self._across = across
+        self.across = across
         self.axes: list[Axes] = []
         self.bars: list[Axes] = []
         for panel in range(panels):
@@ -160,17 +170,17 @@ class Sheet:
         self.notes: list[Any] = []
         y = total - 0.12
         for line in title:
-            self._text(LEFT, y, total, line, label=TITLE, fontsize=11, fontweight="bold")
-            y -= TITLE_LINE
+            self._text(LEFT, y, total, line, label=TITLE, fontsize=11, fontweight="bold", visible=form.titles)
+            y -= TITLE_LINE * form.titles
         for index, line in enumerate(notes):
             alarm = index >= len(notes) - len(alarms)
             looks = (
                 {"label": TITLE, "color": style.ALARM}
                 if alarm
-                else {"label": labels[index], "color": style.GREY}
+                else {"label": labels[index], "color": style.GREY, "visible": form.titles}
             )
             self.notes.append(self._text(LEFT, y, total, line, **looks))
-            y -= SUBTITLE_LINE
+            y -= SUBTITLE_LINE if alarm or form.titles else 0.0
         self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - below) / total)
 
     @property
@@ -185,7 +195,7 @@ class Sheet:
         self.figure.legend(
             handles,
             # A leading underscore would hide the entry.
-            [f" {label}" if label.startswith("_") else label for label in labels],
+            [folded(f" {label}" if label.startswith("_") else label) for label in labels],
             loc="upper left",
             bbox_to_anchor=self._legend_at,
             ncols=self.columns,
@@ -197,7 +207,7 @@ class Sheet:
         )
 
     def _text(self, x: float, y: float, total: float, text: str, **style_: Any) -> Any:
-        return self.figure.text(x / WIDTH, y / total, text, ha="left", va="top", **style_)
+        return self.figure.text(x / current().width, y / total, text, ha="left", va="top", **style_)
 
 
 def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
@@ -205,10 +215,17 @@ def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
     if not labels:
         return 1, 0
     entry = HANDLE + CHARACTER * max(len(label) for label in labels)
-    columns = max(1, min(len(labels), int((WIDTH - LEFT) / entry)))
+    columns = max(1, min(len(labels), int((current().width - LEFT) / entry)))
     lines = math.ceil(len(labels) / columns)
+    more = max(folded(label).count("\n") for label in labels)
     # As few columns as the lines allow: 9 names in 5 + 4, not 8 + 1.
-    return math.ceil(len(labels) / lines), lines
+    return math.ceil(len(labels) / lines), lines * (1 + more)
+
+
+def folded(label: str) -> str:
+    """Return a label of a legend, in lines where it is wider than the figure."""
+    most = int((current().width - 0.2 - HANDLE) / CHARACTER)
+    return label if len(label) <= most else textwrap.fill(label, most, subsequent_indent="  ")
 
 
 def save(figure: Figure, target: Path) -> Path:
@@ -228,7 +245,7 @@ def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str, part: Bbox 
     with warnings.catch_warnings(), rc_context({"svg.hashsalt": MARK}):
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        figure.savefig(file, format=kind[1:], bbox_inches=part, **PRINTED[kind])
+        figure.savefig(file, format=kind[1:], bbox_inches=part, **_described(figure, kind))
 
 
 def below_heading(figure: Figure) -> Bbox | None:
@@ -241,6 +258,15 @@ def below_heading(figure: Figure) -> Bbox | None:
     width, height = figure.get_size_inches()
     last = min(text.get_position()[1] for text in heading)
     return Bbox.from_bounds(0.0, 0.0, width, last * height - SUBTITLE_LINE)
+
+
+def _described(figure: Figure, kind: str) -> dict[str, Any]:
+    """Return how a kind of file is written, with the heading of the figure in its metadata."""
+    own = PRINTED[kind]
+    title = " ".join(text.get_text() for text in figure.texts if text.get_label() == TITLE)
+    notes = " ".join(text.get_text() for text in figure.texts if text.get_label() in (NOTE, MORE))
+    words = {"Title": title, "Subject" if kind == ".pdf" else "Description": notes}
+    return {**own, "metadata": {**own["metadata"], **{key: text for key, text in words.items() if text}}}
 
 
 # The strongest compression costs as much as the drawing and saves a tenth.

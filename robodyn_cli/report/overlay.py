@@ -48,16 +48,16 @@ def draw_again(
         directory.mkdir(parents=True, exist_ok=True)
     if len(loaded) == 1:
         return draw_all(loaded[0], directory, drawings), missing
-    return _over(results, directory, drawings.among(possible), drawings.suffix), missing
+    return _over(results, directory, drawings.among(possible), drawings), missing
 
 
 def _over(
-    results: Sequence[tuple[Path, Result]], directory: Path, names: Sequence[str], suffix: str
+    results: Sequence[tuple[Path, Result]], directory: Path, names: Sequence[str], drawings: Drawings
 ) -> list[Path]:
     paths, loaded = zip(*results)
     labelled = dict(zip(labels_of(paths, [result.title for result in loaded]), loaded))
-    with styled():
-        return [save(draw_over(labelled, name), directory / f"{name}.{suffix}") for name in names]
+    with styled(drawings.form):
+        return [save(draw_over(labelled, name), directory / f"{name}.{drawings.suffix}") for name in names]
 
 
 # plots that can be laid over one another, with the datasets that they show
@@ -127,11 +127,10 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     subtitle = f"{shown[:1].upper()}{shown[1:]} of {len(results)} results"
     if len(panels) < len(keys):
         subtitle += f"; the {len(panels)} of {len(keys)} quantities that differ most"
-    across = 1 if len(panels) <= 3 else 2
     nothing = [text for series in all_series.values() for key in panels for text in series[key][1].nothing]
     first_lost = min(results.values(), key=lambda result: meaningful_until(result.summary))
     sheet = Sheet(
-        Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across,
+        Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=1 if len(panels) <= 3 else 2,
         height=panel_height(len(panels)), gap=0.5, titled=True, labels=list(results),
         captions=[*nothing_note(nothing), *_errors(results, name)], told=[*_failures(results), *lost_note(first_lost)],
     )  # fmt: skip
@@ -151,7 +150,7 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
         low, high = float(np.min(ends)), float(np.max(ends))
         ax.set_xlim(low, high if high > low else low + 1.0)
         ax.set_title(f"{key[0]} [{unit(key[1]) or '1'}]", fontsize=style.FONT_SIZE, loc="left", pad=4)
-        if panel + across >= len(panels):
+        if panel + sheet.across >= len(panels):
             ax.set_xlabel("time [s]")
     hatch(sheet.axes, meaningful_until(first_lost.summary))
     sheet.legend(handles, list(results))

@@ -6,6 +6,7 @@ Its name is the name of the PNG. Nothing is computed in a plot that the run shou
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,8 @@ from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from robodyn_cli.report.format import FigureFormat
 
 
 @record
@@ -41,10 +44,26 @@ PLOTS: Registry[Plot] = Registry(
 
 @record
 class Drawings:
-    """Which plots are drawn, None for all that apply, and as which kind of file: one of ``PLOT_FORMATS``."""
+    """Which plots are drawn, None for all that apply, and as which kind of file: one of ``PLOT_FORMATS``.
+
+    style : one of ``PLOT_STYLES``. width : of figures [inch], None for that of the style. no_titles : leaves out title
+    and notes above, as the style for papers does.
+    """
 
     names: tuple[str, ...] | None = None
     suffix: str = "png"
+    style: str = "screen"
+    width: float | None = None
+    no_titles: bool = False
+
+    @property
+    def form(self) -> FigureFormat:
+        """The format of the figures."""
+        from robodyn_cli.report.format import FORMATS
+
+        form = FORMATS[self.style]
+        width, titles = self.width or form.width, form.titles and not self.no_titles
+        return dataclasses.replace(form, width=width, titles=titles)
 
     def among(self, possible: Sequence[str]) -> list[str]:
         """Return the plots to draw of those that are possible."""
@@ -82,7 +101,7 @@ def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = 
     from robodyn_cli.report.canvas import save
     from robodyn_cli.report.style import styled
 
-    with styled():
+    with styled(drawings.form):
         return [
             save(PLOTS[name].draw(result), Path(directory) / f"{name}.{drawings.suffix}") for name in names
         ]

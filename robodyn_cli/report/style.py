@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
+from robodyn_cli.report.format import FigureFormat, formatted
 from robodyn_cli.summaries.facts import rounded_up
 
-DPI = 120
 FONT_SIZE = 9.0
 GREY = "#5f5f5f"
 ALARM = "#D55E00"
@@ -68,14 +68,15 @@ _SETTINGS: dict[Any, Any] = {
     # Names come from the scene: a dollar sign in one is no formula. Without formulas, text is cheaper too.
     "text.parse_math": False,
     "path.simplify_threshold": 0.2,
+    "pdf.fonttype": 42,  # TrueType, as publishers ask for
     "agg.path.chunksize": 20000,
 }
 
 
 @contextlib.contextmanager
-def styled() -> Iterator[None]:
-    """Draw in robodyn's style inside the context, whatever the user's own settings of matplotlib."""
-    with matplotlib.rc_context():
+def styled(form: FigureFormat | None = None) -> Iterator[None]:
+    """Draw in robodyn's style and a format inside the context, whatever the user's own settings of matplotlib."""
+    with matplotlib.rc_context(), formatted(form):
         # To touch the backend would import pyplot and look for a display.
         defaults: dict[Any, Any] = {
             name: item for name, item in matplotlib.rcParamsDefault.items() if name != "backend"

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.abscissa import over_joint
-from robodyn_cli.report.canvas import NOTE_WIDTH, Sheet
+from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
     curves_of,
@@ -26,6 +26,7 @@ from robodyn_cli.report.curves import (
     make_room,
     nothing_note,
 )
+from robodyn_cli.report.format import NOTE_WIDTH, current
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near
 from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.style import PlainFormatter, degree_axis, error_number, labelled, number, unit
@@ -201,6 +202,7 @@ class TimeSheet(Sheet):
         self.moments, self.looks = moments(result), looks_of(result)
         self._result, self._shows, self._counted = result, shows, counted(self.moments)
         labels = [*layout.pop("labels", ()), *self._counted.values()]
+        layout.setdefault("height", panel_height(1))
         self._errors = [error_words(result, shows)] if shows else []
         captions = [*nothing_note(nothing), *self._errors]
         alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result), *sparse_note(result)]
@@ -243,7 +245,7 @@ class TimeSheet(Sheet):
     def finish(self, handles: Sequence[Any], labels: Sequence[str]) -> None:
         """Draw the errors, hatch what is lost in them, mark the moments, name the time axis, put the legend below."""
         for panel, ax in enumerate(self.axes):
-            below = self.axes[panel + self._across :: self._across][:1]
+            below = self.axes[panel + self.across :: self.across][:1]
             if below and below[0].get_xlim() == ax.get_xlim():
                 ax.tick_params(labelbottom=False)
             else:
@@ -265,8 +267,9 @@ class TimeSheet(Sheet):
                     stated, kept = True, x <= until
                     seen |= draw_error(ax, x[kept], y[kept], float(error), colour)
         if stated and self._errors:
-            line = next(note for note in self.notes if note.get_text() == self._errors[0])
-            line.set_text(self._errors[0] + (BANDS if seen else UNDER))
+            # of a note that takes several lines the last one; none where it is cut
+            for line in [note for note in self.notes if self._errors[0].endswith(note.get_text())][:1]:
+                line.set_text(line.get_text() + (BANDS if seen else UNDER))
 
 
 # More instants than pixels add nothing.
@@ -320,7 +323,7 @@ def _short(name: str) -> str:
 
 def panel_height(panels: int) -> float:
     """Return the height of a panel [inch], less where there are several."""
-    return {1: 3.3, 2: 2.2}.get(panels, 1.6)
+    return {1: 3.3, 2: 2.2}.get(panels, 1.6) * min(1.0, 0.25 + 0.15 * current().width)
 
 
 def draw_groups(sheet: TimeSheet, shown: DrawnCurves, groups: Sequence[list[int]]) -> list[Any]:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.options import SceneFile, SharedOptions, choice, number
+from robodyn_cli.cli.options import SceneFile, SharedOptions, number
+from robodyn_cli.cli.plot_options import choice
 from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
 from robodyn_cli.cli.words import error_text, table
 from robodyn_cli.errors import FAILED, SceneError, listed

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Overrides, Told, choice, file, utf8
+from robodyn_cli.cli.options import Overrides, Told, file, utf8
+from robodyn_cli.cli.plot_options import choice
 
 if TYPE_CHECKING:
     from robodyn_cli.over.c99.folder import CFolder

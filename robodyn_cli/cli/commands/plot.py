@@ -8,12 +8,14 @@ from typing import Annotated
 import typer
 
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import PlotFormat, PlotNames, StoredResults, Told
+from robodyn_cli.cli.options import StoredResults, Told
+from robodyn_cli.cli.plot_options import NoTitles, PlotFormat, PlotNames, PlotStyle, PlotWidth
 
 EXAMPLES = (
     "plot outputs/double_pendulum/simulate",
     "plot outputs/double_pendulum/simulate --plots joint_angles --format svg",
     "plot outputs/first outputs/second --out outputs/both",
+    "plot outputs/double_pendulum/simulate --style paper --width 89mm --format pdf",
 )
 
 
@@ -24,6 +26,9 @@ def command(
     ),
     plots: PlotNames = None,
     format_: PlotFormat = "png",
+    style: PlotStyle = "screen",
+    width: PlotWidth = None,
+    no_titles: NoTitles = False,
     *,
     told: Told,
 ) -> int:
@@ -35,7 +40,7 @@ def command(
     console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        files, missing = draw_again(read_all(results), out, Drawings(plots, format_))
+        files, missing = draw_again(read_all(results), out, Drawings(plots, format_, style, width, no_titles))
     for name in missing:
         console.note(f"robodyn: warning: no data for the plot {name}")
     console.data({"status": "ok", "files": [str(path) for path in files], "without_data": missing})

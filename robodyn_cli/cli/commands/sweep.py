@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, choice, number, utf8, variations
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, utf8, variations
+from robodyn_cli.cli.plot_options import choice
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table

@@ -13,7 +13,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import Sheet, panel_width
 from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
 from robodyn_cli.report.drawing.record import GRID, INK, Stroke
@@ -68,7 +68,6 @@ def _path(stroke: Stroke) -> Path:
     return Path(points)
 
 
-WIDTH = 5.9  # of the axes of a sheet [inch]
 BELOW, APART = 0.45, 0.62  # room above and between the views along the axes [inch]
 CORNER = 24.0  # of the cross of axes, from the edges [pt]
 ROOMY = 200.0  # side of a drawing below which they are smaller [pt]
@@ -112,7 +111,7 @@ def _height_below(views: list[View]) -> float:
 
 
 def _width_below(views: list[View]) -> float:
-    return (WIDTH - (len(views) - 1) * APART) / len(views)
+    return (panel_width() - (len(views) - 1) * APART) / len(views)
 
 
 def axes_below(sheet: Sheet, views: list[View]) -> list[Axes]:

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import Sheet, panel_width
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
@@ -46,7 +46,7 @@ def mechanism(result: Result) -> Any:
     times = [f"{number(float(t), 4)} s" for t in poses.times]
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
-    height = paper.height_of(view, paper.WIDTH)
+    height = paper.height_of(view, panel_width())
     more = paper.room_below(views)
     sheet = Sheet(result, _subtitle(view, len(chosen), bool(views)), labels=labels, height=height + more)
     for one, below in zip(views, paper.axes_below(sheet, views)):
@@ -112,7 +112,7 @@ def tip_path(result: Result) -> Any:
     view = View(paths, default_camera(paths))
     views = [] if view.flat else [View(paths, along_axis(axis)) for axis in (1, 0, 2)]
     labels = [*drawn, *(["target"] if targets else []), "start"]
-    height = paper.height_of(view, paper.WIDTH) + paper.room_below(views)
+    height = paper.height_of(view, panel_width()) + paper.room_below(views)
     sheet = Sheet(result, _subtitle_of_paths(view, samples, targets, drawn), labels=labels, height=height)
     looks = looks_of(result)
     for one, ax in zip(views, paper.axes_below(sheet, views)):
@@ -162,7 +162,6 @@ def _subtitle_of_paths(
     return text
 
 
-WIDTHS = {1: 5.9, 2: 2.6}  # of a panel [inch]
 OTHERS = "#cccccc"
 
 
@@ -175,7 +174,7 @@ def branches(result: Result) -> Any:
     drawing = drawing_of(result, np.zeros(shown), q[:shown])
     view = View(drawing, default_camera(drawing))
     across = min(shown, 2)
-    height = paper.height_of(view, WIDTHS[across], 1.6)
+    height = paper.height_of(view, panel_width(across), 1.6)
     sheet = Sheet(
         result,
         _subtitle_of_branches(view, "frame" in result.summary, count, shown),
@@ -189,9 +188,9 @@ def branches(result: Result) -> Any:
         paper.set_up(ax, view)
         paper.put(ax, view, k, others, grid=not view.flat)
         ax.set_title(_branch_name(result, k), fontsize=style.FONT_SIZE, loc="left", pad=3)
-        if k % across:
+        if k % sheet.across:
             ax.set_ylabel("")
-        if k + across < shown:
+        if k + sheet.across < shown:
             ax.set_xlabel("")
     return sheet.figure
 
@@ -227,7 +226,7 @@ def mode_shapes(result: Result) -> Any:
     across = min(shown, 2)
     more = f", {shown} of them drawn" if shown < count else ""
     text = f"{count} mode{'s' if count != 1 else ''} {paper.where(view)}{more}; swings are drawn large"
-    height = paper.height_of(view, WIDTHS[across], 1.6)
+    height = paper.height_of(view, panel_width(across), 1.6)
     sheet = Sheet(result, text, panels=shown, across=across, height=height, gap=0.45, titled=True)
     for k, ax in enumerate(sheet.axes):
         paper.set_up(ax, view)
@@ -236,9 +235,9 @@ def mode_shapes(result: Result) -> Any:
         paper.put(ax, view, 0, grid=not view.flat)
         ax.add_artist(Painted(swings)).set_zorder(5)  # in front of what would hide them
         ax.set_title(_mode_name(result.summary["modes"][k]), fontsize=style.FONT_SIZE, loc="left", pad=3)
-        if k % across:
+        if k % sheet.across:
             ax.set_ylabel("")
-        if k + across < shown:
+        if k + sheet.across < shown:
             ax.set_xlabel("")
     return sheet.figure
 

@@ -1,0 +1,89 @@
+"""Options of what is drawn, and how."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.commands import PLOT_FORMATS, PLOT_STYLES
+from robodyn_cli.errors import did_you_mean
+
+
+def choice(*allowed: str) -> Callable[[str], str]:
+    """Return the parser of one of some words: a function that raises BadParameter for any other."""
+
+    def read(word: str) -> str:
+        if word not in allowed:
+            raise typer.BadParameter(f"{word!r}; allowed: {', '.join(allowed)}")
+        return word
+
+    return read
+
+
+def plot_list(words: str) -> tuple[str, ...]:
+    """Return the names of plots in a list with commas.
+
+    Raises
+    ------
+    BadParameter : there is no such plot.
+    """
+    from robodyn_cli.report.registry import PLOTS
+
+    names, known = tuple(word.strip() for word in words.split(",")), PLOTS
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise typer.BadParameter(f"no plot {name!r}{hint}; allowed: {', '.join(known)}")
+    return names
+
+
+NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
+PlotNames = Annotated[
+    Any,
+    typer.Option("--plots", metavar="NAME,...", parser=plot_list, help="Draw these plots. [default: all]"),
+]
+PlotFormat = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        metavar="KIND",
+        parser=choice(*PLOT_FORMATS),
+        help="Kind of file of plots: png, svg or pdf.",
+    ),
+]
+
+
+PlotStyle = Annotated[
+    str,
+    typer.Option(
+        "--style",
+        metavar="NAME",
+        parser=choice(*PLOT_STYLES),
+        help="Of plots: screen; paper (3.5 in, no titles, fine pixels); slides (5 in).",
+    ),
+]
+NARROWEST, WIDEST = 2.5, 20.0  # of plots [in]
+
+
+def plot_width(word: str) -> float:
+    """Return a width [in] of ``3.5in``, ``8.9 cm``, ``89 mm`` or ``252 pt``."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(in|cm|mm|pt)\s*", str(word))
+    inches = (
+        float(found[1]) / {"in": 1.0, "cm": 2.54, "mm": 25.4, "pt": 72.0}[found[2]] if found else math.nan
+    )
+    if not NARROWEST <= inches <= WIDEST:
+        allowed = f"{NARROWEST:g} to {WIDEST:g} in, as 3.5in, 8.9cm, 89mm or 252pt"
+        raise typer.BadParameter(f"{word!r}; allowed: {allowed}")
+    return inches
+
+
+PlotWidth = Annotated[
+    Any, typer.Option("--width", metavar="WIDTH", parser=plot_width, help="Width of plots, as 3.5in or 89mm.")
+]
+NoTitles = Annotated[
+    bool, typer.Option("--no-titles", help="No title and notes above plots; they stay in the metadata.")
+]
