@@ -25,6 +25,8 @@ from matplotlib.text import Annotation
 
 from robodyn_cli.report.canvas import MORE, NOTE
 from robodyn_cli.report.lines import envelope
+from robodyn_cli.report.page.pictures import picture
+from robodyn_cli.report.page.tables import Html
 from robodyn_cli.report.style import line_styles
 from robodyn_cli.spatial.algebra import Array
 
@@ -58,11 +60,17 @@ class Store:
         self.arrays = Arrays()
         self.figures: list[dict[str, Any]] = []
         self.running: dict[str, list[Mapping[str, Any]]] = {}
+        self.pictures = 0
 
     def add(self, figure: dict[str, Any]) -> int:
         """Return the number of a figure."""
         self.figures.append(figure)
         return len(self.figures) - 1
+
+    def picture(self, figure: Figure, label: str) -> Html:
+        """Return a figure as a picture, which the script has nothing to do with."""
+        self.pictures += 1
+        return picture(figure, label, self.pictures)
 
     def run(self, scene: Mapping[str, Any]) -> int:
         """Return the number of a scene that runs in the page."""

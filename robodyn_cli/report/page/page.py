@@ -7,15 +7,10 @@ import base64
 import hashlib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
-
 from robodyn_cli.record import record
-from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes, shown_errors, shown_units
 from robodyn_cli.report.page import several, tables
@@ -32,7 +27,6 @@ from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.version import __version__
 
-LARGEST_SVG = 250_000  # bytes; a picture with more is smaller as pixels
 SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
 ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
 LISTED = 12  # moments that have a button
@@ -259,7 +253,7 @@ def _plot(result: Result, name: str, store: Store) -> Html:
     content = [
         element("h3", title),
         _caption(captions(figure), title),
-        _picture(figure, title) if data is None else element("div", class_="chart"),
+        store.picture(figure, title) if data is None else element("div", class_="chart"),
     ]
     number_of = None if data is None else store.add({**data, "name": title})
     return element("figure", content, class_="plot", data_figure=number_of)
@@ -269,22 +263,6 @@ def _caption(notes: list[str], title: str) -> Html | None:
     """Return what the figure says of itself beyond its name, a sentence each."""
     text = ". ".join(note.removesuffix(".") for note in notes if note and note != title)
     return element("p", text, class_="caption") if text else None
-
-
-def _picture(figure: Figure, title: str) -> Html:
-    """Return a figure as a picture inside the page, which says itself what stands above the panels."""
-    part = below_heading(figure)
-    kind, data = "svg+xml", _printed(figure, ".svg", part)
-    if len(data) > LARGEST_SVG:
-        kind, data = "png", _printed(figure, ".png", part)
-    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-    return element("img", src=source, alt=title)
-
-
-def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
-    buffer = BytesIO()
-    print_figure(figure, buffer, suffix, part)
-    return buffer.getvalue()
 
 
 # one after another they are the script of the page
