@@ -10,11 +10,14 @@ longer with every argument.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.memory import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Location, Status
 from robodyn_cli.integrators.stepping.writer import ARGUMENTS, Tables
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
+from robodyn_cli.kernels.ir import Function, Int
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs
 from robodyn_cli.kernels.program import NUMBERS, Program
 
@@ -23,10 +26,8 @@ from robodyn_cli.kernels.program import NUMBERS, Program
 PLACES = (*ARGUMENTS, "saved", "bytes", "values", "bracket")
 COUNTERS = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS, IntegerSlot.PROJECTIONS]
 PATIENCE = 256  # steps; a trial step that takes more goes on in Python, where interrupts are handled
-TELLING = 16.0  # a secant is used if its two times differ by at least so many resolutions
-TRIALS = 10  # a simple root takes three, one that is shared four
-MORE_TRIALS = 20  # where rounding hides a root behind which the run could go on without Python
-STEEPEST = 1e300
+TRIALS = 10  # by secants: a simple root takes three, one that is shared four
+MORE_TRIALS = 20  # where rounding hides a root
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 
 
@@ -129,10 +130,12 @@ def run_to_event_function(count: int) -> Function:
     f = Function("run_to_event", ["ptr %places"], result="i64", flags="")
     load_places(f, *(PLACES if count else ARGUMENTS))
     if count:
+        from robodyn_cli.integrators.event_location.root_search import arm
+
         watch = f.load_int(f.offset("%n", IntegerSlot.WATCH))
         with f.when(f.compare_int("eq", watch, UNARMED)):
             f.call("switching", ["ptr %places"])
-            _arm(f, count)
+            arm(f, count)
     status = call_run(f)
     if count:
         with f.when(f.compare_int("eq", status, int(Status.EVENT))):
@@ -143,133 +146,62 @@ def run_to_event_function(count: int) -> Function:
     return f
 
 
-def locate_event_function(count: int, closings: bool) -> Function:
-    """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event of one function
-    alone.
+def locate_event_function(events: Sequence[EventFunction], closings: bool) -> Function:
+    """Return ``locate_event(places)`` for these functions, whose result is a ``Location``.
 
     Secants, each going a little beyond its root, until one lies beyond it by less than the resolution, or the last two
     lie on either side of it so near. If no other function has changed its sign on the way there, that is the event, and
-    the run may go on from there; else the secants go on until the bracket is so short, with bisection where a secant
-    leaves it. They give up where a trial step fails or meets values of zero, or beyond (T, T_END).
+    the run may go on from there. Where another has, it comes first, or at the same time: it is looked for then. Jumps
+    at the same time are met one after another; other functions are left to Python.
 
-    closings : whether latches close by themselves; a function that stays zero is then one of a closed latch.
+    Where secants leave the bracket, or take too many trials, it is bisected. It begins at the start of the step, where
+    the function may have changed its sign already, by rounding, and ends where dense output has it. Trial steps differ
+    from that by rounding: a function that jumps is looked for a little beyond. One that has the same sign all the way,
+    or is zero before, changes none.
+
+    closings : whether latches close by themselves.
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
     where no trial step was on that side.
     """
+    from robodyn_cli.integrators.event_location.root_search import RootSearch
+
     f = Function("locate_event", ["ptr %places"], result="i64", flags="")
     load_places(f, "w", "n", "values", "bracket")
     samples = f.load_int(f.offset("%n", IntegerSlot.LAST_SAMPLE))
-    secants = _Secants(f, count, MORE_TRIALS if closings else TRIALS)
+    search = RootSearch(f, events, MORE_TRIALS if closings else TRIALS)
     with f.block() as given_up:
-        with f.loop() as rounds:
-            x, g = secants.try_next(given_up)
-            with f.when(f.compare("oeq", g, 0.0)):
-                # zero belongs to neither side
-                f.store(x + secants.half, secants.x)
-                rounds.again()
-            after, beyond = secants.note(x, g)
-            near = f.compare("ole", beyond, secants.resolution) | secants.is_short()
-            with f.when(after & near):
-                rounds.leave(_alone(f, count, closings))
-                given_up.leave(secants.is_short())
-            secants.aim(x, after, beyond)
-        _arm(f, count)
-        f.store_int(samples, f.offset("%n", IntegerSlot.LAST_SAMPLE))
-        f.ret(1)
-    f.ret(0)
+        with f.block() as unchanged:
+            unchanged.leave(search.leaves_zero())
+            with f.loop() as rounds:
+                x, g = search.try_next(given_up)
+                with f.when(f.compare("oeq", g, 0.0) & ~search.is_strict()):
+                    # zero belongs to neither side
+                    given_up.leave(search.is_late() | f.compare("ole", x, search.start))
+                    f.store(x + search.half, search.x)
+                    rounds.again()
+                after, beyond = search.note(x, g)
+                with f.when(after & search.is_near(x, beyond)):
+                    first = search.other_change()
+                    with f.when(f.compare_int("slt", first, 0)):
+                        search.finish(samples, Location.EVENT)
+                    with f.when(search.is_at_end_of_bracket(x)):
+                        given_up.leave(unless=search.are_jumps())
+                        search.finish(samples, Location.EVENT)
+                    search.look_for(first, x)
+                    rounds.again()
+                with f.when(search.is_behind(x, after)):
+                    unchanged.leave(search.has_no_room())
+                    rounds.again()
+                search.aim(x, g, after, beyond)
+        resolved = search.is_resolved()
+        place = f.select(resolved, search.end, search.start)
+        status = f.call_int("trial_step", ["ptr %places", f"double {place.ref}", "i64 -1"])
+        given_up.leave(unless=f.compare_int("eq", status, int(Status.DONE)))
+        given_up.leave(f.compare_int("sge", search.other_change(), 0))
+        with f.when(~resolved):
+            # no trial step can end beyond the root: it is here
+            search.turn()
+            search.finish(samples, Location.EVENT)
+        search.finish(samples, Location.NOTHING)
+    f.ret(int(Location.DOUBTFUL))
     return f
-
-
-class _Secants:
-    """Secants of the event function that changed sign; x is the time of the next trial step."""
-
-    def __init__(self, f: Function, count: int, trials: int) -> None:
-        self.f, self.count, self.trials = f, count, trials
-        self.before, self.after = "%bracket", f.offset("%bracket", 1 + count)
-        self.x, self.slope, self.old_x, self.old_g = f.slot(), f.slot(), f.slot(), f.slot()
-        self.rounds = f.int_slot()
-        self.start = f.load(f.offset("%w", DoubleSlot.T))
-        high = f.load(f.offset("%w", DoubleSlot.EVENT_HIGH))
-        self.end = f.min(high, f.load(f.offset("%w", DoubleSlot.T_END)))
-        self.resolution = f.max(f.abs(self.start), f.abs(self.end)) * FINE
-        self.half = self.resolution * 0.5
-        self.which = f.load_int(f.offset("%n", IntegerSlot.EVENT))
-        slope = f.load(f.offset("%w", DoubleSlot.EVENT_SLOPE))
-        self.rising = f.compare("ogt", slope, 0.0)
-        f.store(f.load(f.offset("%w", DoubleSlot.EVENT_GUESS)), self.x)
-        f.store(slope, self.slope)
-        for place in (self.before, self.after, self.old_x):
-            f.store(float("nan"), place)
-        f.store(0.0, self.old_g)
-        f.store_int(0, self.rounds)
-
-    def try_next(self, given_up: Block) -> tuple[Value, Value]:
-        """Return the time of a trial step to x, and the function there."""
-        f = self.f
-        x = f.load(self.x)
-        inside = f.compare("ogt", x, self.start) & f.compare("ole", x, self.end)
-        given_up.leave(unless=inside & f.compare_int("sle", f.bump(self.rounds), self.trials))
-        status = f.call_int("trial_step", ["ptr %places", f"double {x.ref}", "i64 -1"])
-        g = f.load(f.offset("%values", self.which))
-        arrived = f.compare_int("eq", status, int(Status.DONE)) & f.compare("ord", g, 0.0)
-        given_up.leave(unless=arrived)
-        return x, g
-
-    def note(self, x: Value, g: Value) -> tuple[Condition, Value]:
-        """Take a trial step into the bracket; return whether it lies beyond the root, and how far from it."""
-        f = self.f
-        after = f.compare("ogt", f.select(self.rising, g, -g), 0.0)
-        row = f.select_address(after, self.after, self.before)
-        f.store(x, row)
-        with f.count(self.count) as k:
-            f.store(f.load(f.offset("%values", k)), f.offset(f.offset(row, 1), k))
-        moved = x - f.load(self.old_x)
-        secant = (g - f.load(self.old_g)) / moved
-        # a secant between two values of rounding has no meaning: keep the last one
-        sound = f.compare("ogt", f.select(self.rising, secant, -secant), 0.0)
-        sound = sound & f.compare("olt", f.abs(secant), STEEPEST)
-        sound = sound & f.compare("ogt", f.abs(moved), self.resolution * TELLING)
-        slope = f.select(sound, secant, f.load(self.slope))
-        f.store(slope, self.slope)
-        f.store(x, self.old_x)
-        f.store(g, self.old_g)
-        return after, f.abs(g / slope)
-
-    def is_short(self) -> Condition:
-        """Return whether the bracket is as short as rounding allows."""
-        f = self.f
-        return f.compare("ole", f.load(self.after) - f.load(self.before), self.resolution)
-
-    def aim(self, x: Value, after: Condition, beyond: Value) -> None:
-        """Choose the next time: the end of a bracket that is as short as rounding allows."""
-        f = self.f
-        a, b = f.load(self.before), f.load(self.after)
-        distance = beyond + self.half
-        aim = f.select(after, x - distance, x + distance)
-        # comparisons with an end that is not known yet are false
-        out = f.compare("ole", aim, a) | f.compare("oge", aim, b)
-        f.store(f.select(self.is_short(), b, f.select(out, (a + b) * 0.5, aim)), self.x)
-
-
-def _arm(f: Function, count: int) -> None:
-    """Watch the event functions from the side that their values are on; one at zero keeps the side it came from."""
-    with f.count(count) as k:
-        g, armed = f.load(f.offset("%values", k)), f.offset(f.offset("%w", DoubleSlot.SIZE), k)
-        f.store(f.select(f.compare("oeq", g, 0.0), f.load(armed), g), armed)
-    f.store_int(1, f.offset("%n", IntegerSlot.WATCH))
-
-
-def _alone(f: Function, count: int, closings: bool) -> Condition:
-    """Return whether just one event function has changed its sign since before the step."""
-    changed = f.int_slot()
-    f.store_int(0, changed)
-    with f.count(count) as k:
-        before = f.load(f.offset(f.offset("%w", DoubleSlot.SIZE), k))
-        g: Value = f.load(f.offset("%values", k))
-        above = f.compare("ogt", before, 0.0) & f.compare("ogt", g, 0.0)
-        below = f.compare("olt", before, 0.0) & f.compare("olt", g, 0.0)
-        stays = above | below
-        if closings:
-            stays = stays | (f.compare("oeq", before, 0.0) & f.compare("oeq", g, 0.0))
-        f.store_int(f.load_int(changed) + f.select_int(stays, 0, 1), changed)
-    return f.compare_int("eq", f.load_int(changed), 1)

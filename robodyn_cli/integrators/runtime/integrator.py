@@ -20,6 +20,7 @@ from robodyn_cli.integrators.runtime.memory import (
     UNARMED,
     DoubleSlot,
     IntegerSlot,
+    Location,
     Parameters,
     Status,
     resolution,
@@ -38,7 +39,6 @@ DEFAULTS = Options()
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
-BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
 
 class Integrator:
@@ -293,15 +293,15 @@ class Integrator:
         """Find the first event in the step ahead, and others at the same time, and go there."""
         n, start = self.n, self.memory.saved_w[DoubleSlot.T]
         last, flush = samples.last, samples.flush
-        seen, located = n[IntegerSlot.EVENT], bool(n[IntegerSlot.LOCATED])
-        time, roots = (self.time, ()) if located else self._sort_out(seen, stop, flush)
+        seen, found = n[IntegerSlot.EVENT], n[IntegerSlot.LOCATED]
+        time, roots = self._sort_out(seen, stop, flush) if found == Location.DOUBTFUL else (self.time, ())
         if (
             before := self._approach.stopover(start, time, self.system.events[seen].is_discontinuity)
         ) is not None:
             self._go(before, last, flush)
             self._watch(self.engine.seen(), {})
             return ()
-        if located:
+        if found == Location.EVENT:
             fine = resolution(start, time)
             if samples.lies_at(time):
                 sign = math.copysign(1.0, self.w[DoubleSlot.SIZE + seen])
@@ -348,13 +348,6 @@ class Integrator:
                 known[time] = there
                 low, high = (time, high) if k == 0 else (min(low, time), time)
         located = first_roots(events, values, armed, seen, (start, low, high))
-        if not located.roots and events[seen].is_discontinuity:
-            # the function may be zero here and switch only a few roundings later
-            for k in range(BEYOND):
-                further = high + 2**k * resolution(start, high)
-                if further <= stop and events[seen].crosses(armed[seen], values(further)[seen]):
-                    located = first_roots(events, values, armed, seen, (start, low, further))
-                    break
         if not located.roots and high - start <= resolution(start, high):
             # the step is shorter than the clock resolves, so that no trial step can end beyond the root: it is here
             return start, (

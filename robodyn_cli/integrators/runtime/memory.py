@@ -64,7 +64,7 @@ class IntegerSlot:
     REJECTED_IN_ROW = 10
     PROJECTIONS = 11
     VELOCITIES = 12  # how many there are, for code that serves systems of any size
-    LOCATED = 13  # the state is at the event that was met, alone
+    LOCATED = 13  # see ``Location``
     RATE_KNOWN = 14  # the method has the rate at the current state; not after anybody changed anything
     UPDATES = 15  # periods of a sampled controller that are done
     PHASE = 16  # which phase of the present one comes next
@@ -96,6 +96,14 @@ class Status(enum.IntEnum):
     NOT_SOLVED = 6  # the equations of a step whose length is fixed
     FAILED = 7  # a controller's function in Python has raised an error
     HALTED = 8  # a latch has closed, behind which the run ends
+
+
+class Location(enum.IntEnum):
+    """What compiled code has found where dense output saw an event function change its sign."""
+
+    DOUBTFUL = 0  # nothing: several functions change at the same time, or no motion leads there
+    EVENT = 1  # the state is at the event of that function alone
+    NOTHING = 2  # none has changed its sign up to the state
 
 
 def resolution(a: float, b: float) -> float:

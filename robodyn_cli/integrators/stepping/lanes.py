@@ -16,7 +16,7 @@ from typing import Any
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES, copy_block, load_places
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Location, Status
 from robodyn_cli.integrators.stepping.control import judge, shorter
 from robodyn_cli.integrators.stepping.loop import REJECTIONS, RESOLUTION, end_of, is_too_small, step_over
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
@@ -336,13 +336,17 @@ def _has_more(f: Function, k: Int, stretch: str) -> Condition:
     return further & f.compare("olt", _stretch(f, stretch, 0), end)
 
 
+def _is_at(f: Function, location: Location) -> Condition:
+    """Return whether the state is there."""
+    return f.compare_int("eq", f.load_int(f.offset("%n", IntegerSlot.LOCATED)), int(location))
+
+
 def _is_passed(f: Function) -> Condition:
-    """Return whether the state is at the event that was met, alone, and the run goes on there."""
-    located = f.compare_int("ne", f.load_int(f.offset("%n", IntegerSlot.LOCATED)), 0)
+    """Return whether the state is at the event that was met, alone, and the run goes on there; or at none."""
     event = f.load_int(f.offset("%n", IntegerSlot.EVENT))
     event = f.select_int(f.compare_int("slt", event, MOST_FUNCTIONS), event, MOST_FUNCTIONS)
     bit = f.emit_int(f"lshr i64 %passing, {event.ref}") & 1
-    return located & f.compare_int("ne", bit, 0)
+    return _is_at(f, Location.NOTHING) | (_is_at(f, Location.EVENT) & f.compare_int("ne", bit, 0))
 
 
 def _write_passed_samples(f: Function, k: Int, parts: LoopBlock) -> None:
@@ -366,7 +370,8 @@ def _write_passed_samples(f: Function, k: Int, parts: LoopBlock) -> None:
 
 def _close_latch(f: Function, status: str, parts: LoopBlock) -> None:
     """Answer the event of a latch where code does that; leave the run where it does not, or ends there."""
-    with f.when(Condition(f, f.name("icmp ne ptr %close, null"), 1)):
+    answers = Condition(f, f.name("icmp ne ptr %close, null"), 1)
+    with f.when(answers & _is_at(f, Location.EVENT)):
         verdict = f.emit_int("call i64 %close(ptr %places)")
         ends = f.compare_int("eq", verdict, int(LatchAnswer.ENDS))
         f.store_int(f.select_int(ends, int(Status.HALTED), int(Status.EVENT)), status)

@@ -64,7 +64,7 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
         functions += [
             switching_function(system, tables, programs),
             trial_step_function(),
-            locate_event_function(count, system.closings is not None),
+            locate_event_function(system.events, system.closings is not None),
             restart_function(count),
         ]
     if system.closings is not None:

@@ -11,7 +11,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.integration_methods import STIFF
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Location, Status
 from robodyn_cli.integrators.stepping.lanes import JOB
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.compiler import Target
@@ -218,6 +218,7 @@ class LiveStructure(LiveScene):
             "slots": {"time": DoubleSlot.T},
             "counts": {name: int(getattr(IntegerSlot, name)) for name in COUNTS},
             "status": {status.name: int(status) for status in Status},
+            "location": {location.name: int(location) for location in Location},
             "events": [{"name": e.name, "kind": e.kind.name, "means": e.kind.value} for e in self.system.events],
             "passing": self.fleet.passing, "points": list(model.points),
             "numbers": plain(self.tables.numbers), "own": engine_numbers,

@@ -413,20 +413,21 @@ static int sample_before_event(Integration *m, double time)
     for (k = 0; k < EVENTS; ++k)
         w[ARMED + k] = m->values[k];
     set_count(m->block, COUNT_WATCH, 1);
-    set_count(m->block, COUNT_LOCATED, 1);
     return 1;
 }
 
-/* Notes the event that the loop has met. Returns whether it is one that ends the motion, or that nothing goes over. */
+/* Notes where the loop has stopped: at an event, or where it goes on without one. Returns whether it finds neither. */
 static int note_event(Integration *m)
 {
-    const int event = (int)counted(m->block, COUNT_EVENT);
+    const int event = (int)counted(m->block, COUNT_EVENT), location = (int)counted(m->block, COUNT_LOCATED);
 
     m->state[EVENT_TIME] = m->block[AT_W / 8 + SLOT_T];
-    m->state[AT_EVENT] = 1.0;
-    m->state[ENDED] = !counted(m->block, COUNT_LOCATED) ? 2.0 : EVENT[event].passed ? 0.0 : 1.0;
-    m->state[LAST_EVENT] = event;
-    return m->state[ENDED] == 2.0;
+    m->state[AT_EVENT] = location;
+    if (location == LOCATION_EVENT)
+        m->state[ENDED] = EVENT[event].passed ? 0.0 : 1.0;
+    if (location != LOCATION_NOTHING)
+        m->state[LAST_EVENT] = event;
+    return location == LOCATION_DOUBTFUL;
 }
 #endif
 
@@ -478,8 +479,8 @@ static int go_on(Integration *m, double time, int cut)
             /* trial steps use the end for themselves */
             bound(m);
             set_count(m->block, COUNT_MAX_STEPS, INT64_MAX / 4);
+            m->state[PASSED] += m->state[AT_EVENT] == LOCATION_EVENT;
             m->state[AT_EVENT] = 0.0;
-            m->state[PASSED] += 1.0;
         }
 #endif
         ask(m->block, time, cut ? -1 : 1);
@@ -676,7 +677,7 @@ static void drive(Judging *j, const Spec *spec, const double *w, int64_t steps, 
     made->status = (int)status;
     made->given_up = status == STATUS_MAX_STEPS;
     made->event = -1;
-    if (status == STATUS_EVENT && load_l((char *)(j->n + COUNT_LOCATED)))
+    if (status == STATUS_EVENT && load_l((char *)(j->n + COUNT_LOCATED)) == LOCATION_EVENT)
         made->event = (int)load_l((char *)(j->n + COUNT_EVENT));
     memcpy(made->end, j->y, sizeof j->y);
     made->samples = load_l((char *)(j->n + COUNT_NEXT_SAMPLE)) - 1;

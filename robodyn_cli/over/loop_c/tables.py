@@ -104,6 +104,7 @@ class LoopTables:
         sizes |= {f"SLOT_{name}": int(getattr(DoubleSlot, name)) for name in SLOTS}
         sizes |= {f"COUNT_{name}": int(getattr(IntegerSlot, name)) for name in (*COUNTS, *MORE_COUNTS)}
         sizes |= {f"STATUS_{name}": value for name, value in d["status"].items()}
+        sizes |= {f"LOCATION_{name}": value for name, value in d["location"].items()}
         sizes |= {f"REASON_{identifier(name)}": k + 1 for k, name in enumerate(d["reasons"])}
         return sizes
 

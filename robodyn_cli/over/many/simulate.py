@@ -14,7 +14,7 @@ import numpy as np
 from robodyn_cli.errors import OF_STATUS
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
-from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import IntegerSlot, Location, Status
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
@@ -304,7 +304,7 @@ class Deploy(MotionCommand):
 
         def locked(runs: Runs) -> Masks:
             event = runs.n[:, IntegerSlot.EVENT]
-            alone = runs.n[:, IntegerSlot.LOCATED] != 0
+            alone = runs.n[:, IntegerSlot.LOCATED] == Location.EVENT
             at_lock: Masks = (runs.status == Status.EVENT) & alone & dead[event]
             return at_lock
 

@@ -214,7 +214,7 @@ class Runner {
     for (let k = 0; k < data.own; k++) numbers[k] = off ? table[k] * (1 + off[k] * 2 ** -53) : table[k];
     this.passed = [];
     this.code.drive(place.places, place.job);
-    const status = this.integer("status", 0), event = this.integer("all.n", counts.EVENT), located = this.integer("all.n", counts.LOCATED) !== 0;
+    const status = this.integer("status", 0), event = this.integer("all.n", counts.EVENT), located = this.integer("all.n", counts.LOCATED) === data.location.EVENT;
     return {
       status: Object.keys(data.status).find((name) => data.status[name] === status),
       event: status === data.status.EVENT && located ? event : -1, met: event,
