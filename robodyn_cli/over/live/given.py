@@ -10,16 +10,11 @@ import numpy as np
 
 from robodyn_cli.commands import places
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.motion import Planned
-from robodyn_cli.integrators.stepping.writer import Tables
-from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.kernels.program import make_program
-from robodyn_cli.kernels.wasm import WASM, WasmModule
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import DRAWS, ENLARGED, PATTERNS, UNIT, Rounded, few
-from robodyn_cli.over.live.code import StateEquations, equations_text, numbers_text
+from robodyn_cli.over.live.code import StateEquations
 from robodyn_cli.over.live.figures import (
     Rule,
     borne_rule,
@@ -32,7 +27,7 @@ from robodyn_cli.over.live.figures import (
 from robodyn_cli.over.live.follow import LoopMotion
 from robodyn_cli.over.live.inertia import has_doubtful_inertia
 from robodyn_cli.over.live.judging import REASONS
-from robodyn_cli.over.live.keys import LiveScene, columns, entries_of
+from robodyn_cli.over.live.keys import LiveMotion, columns
 from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rounding import FACTORS, GIVEN, staged
 from robodyn_cli.over.live.rules import Tape, plain
@@ -62,7 +57,7 @@ def given_commands() -> dict[str, InverseRuns]:
     return {name: own for name, own in batches.items() if isinstance(own, InverseRuns)}
 
 
-class LiveInverse(LiveScene):
+class LiveInverse(LiveMotion):
     """The torques along the motion of a scene, with some keys that vary within ranges, see ``LiveScene``."""
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
@@ -80,10 +75,7 @@ class LiveInverse(LiveScene):
         self.times = self.planned.times
         self.shared = self._shared()
         self.followed = self._followed()
-        with witnessed() as witnesses:
-            self.equations  # noqa: B018 - what is compared while they are built decides as well
-        self.deciding = [*self.structure.deciding, *self.structure.recipe.deciding(witnesses)]
-        self.tables = Tables([own.program for own in self.equations.values()])
+        self._find_what_decides()
 
     def _along(self, most: int) -> tuple[Planned, Sampled]:
         """Return the motion at as few samples as tell its figures clearly, and what is evaluated there.
@@ -174,37 +166,7 @@ class LiveInverse(LiveScene):
             outputs |= self.followed.equations()
         if picture := picture_of(self.family.own, problem):
             outputs["picture"] = picture
-        own, at = {}, 0
-        for group, size in {**self.sizes, GIVEN: len(self.keys), FACTORS: PATTERNS}.items():
-            own[group] = range(at, at + size)
-            at += size
-        return {name: StateEquations(make_program(of, tuple(own)), own) for name, of in outputs.items()}
-
-    @property
-    def _places(self) -> list[str]:
-        return [key.key.place for key in self.keys]
-
-    def texts(self, target: Target) -> list[str]:
-        """Return the code as IR.
-
-        Raises
-        ------
-        CapabilityError : a number follows from a key in Python.
-        """
-        recipe, entries = self.structure.recipe, entries_of(self.tables)
-        return [
-            numbers_text(recipe, entries, self._places, self.deciding, target),
-            equations_text(self.equations, self.tables, target),
-        ]
-
-    def module(self) -> WasmModule:
-        """Return the code.
-
-        Raises
-        ------
-        CapabilityError : it needs functions that browsers do not have, or a number follows from a key in Python.
-        """
-        return self._module(self.texts(WASM), ["numbers", *self.equations])
+        return self._with_places({**self.sizes, GIVEN: len(self.keys), FACTORS: PATTERNS}, outputs)
 
     # -- data -----------------------------------------------------------------------------------------
     @property

@@ -6,14 +6,20 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError
+from robodyn_cli.expr.fixed import witnessed
+from robodyn_cli.expr.many import Decision
 from robodyn_cli.integrators.stepping.writer import Tables
-from robodyn_cli.kernels.wasm import WasmModule, write_wasm
+from robodyn_cli.kernels.compiler import Target
+from robodyn_cli.kernels.program import make_program
+from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.model.model import Model
+from robodyn_cli.over.live.code import StateEquations, equations_text, numbers_text
 from robodyn_cli.over.many.groups import Built
 from robodyn_cli.over.many.keys import NO_VALUE, OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
@@ -195,6 +201,62 @@ class LiveScene:
                 f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
             )
         return made
+
+
+class LiveMotion(LiveScene):
+    """What is evaluated along a motion."""
+
+    structure: Any
+    deciding: Sequence[Decision]
+    tables: Tables
+
+    @cached_property
+    def equations(self) -> dict[str, StateEquations]:
+        """The equations of a sample, by name."""
+        raise NotImplementedError
+
+    def _find_what_decides(self) -> None:
+        """Build the equations, and note the comparisons of numbers on the way there: they decide as well."""
+        with witnessed() as witnesses:
+            equations = self.equations
+        self.deciding = [*self.structure.deciding, *self.structure.recipe.deciding(witnesses)]
+        self.tables = Tables([own.program for own in equations.values()])
+
+    @property
+    def _places(self) -> list[str]:
+        return [key.key.place for key in self.keys]
+
+    def _with_places(
+        self, sizes: Mapping[str, int], outputs: Mapping[str, dict[str, Any]]
+    ) -> dict[str, StateEquations]:
+        """Return programs of outputs, whose groups of symbols follow one another in a sample."""
+        own, at = {}, 0
+        for group, size in sizes.items():
+            own[group] = range(at, at + size)
+            at += size
+        return {name: StateEquations(make_program(of, tuple(own)), own) for name, of in outputs.items()}
+
+    def texts(self, target: Target) -> list[str]:
+        """Return the code as IR.
+
+        Raises
+        ------
+        CapabilityError : a number follows from a key in Python.
+        """
+        recipe, entries = self.structure.recipe, entries_of(self.tables)
+        return [
+            numbers_text(recipe, entries, self._places, self.deciding, target),
+            equations_text(self.equations, self.tables, target),
+        ]
+
+    def module(self) -> WasmModule:
+        """Return the code.
+
+        Raises
+        ------
+        CapabilityError : it needs functions that browsers do not have, or a number follows from a key in Python.
+        """
+        return self._module(self.texts(WASM), ["numbers", *self.equations])
 
 
 def ends_of(key: LiveKey) -> tuple[float, float]:

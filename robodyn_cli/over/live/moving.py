@@ -10,17 +10,12 @@ import numpy as np
 
 from robodyn_cli.commands import places
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.fixed import witnessed
-from robodyn_cli.integrators.stepping.writer import Tables
-from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.kernels.program import make_program
-from robodyn_cli.kernels.wasm import WASM, WasmModule
-from robodyn_cli.over.live.code import StateEquations, equations_text, numbers_text
+from robodyn_cli.over.live.code import StateEquations
 from robodyn_cli.over.live.figures import Rule, rule_of, with_doubts
 from robodyn_cli.over.live.follow import LoopMotion
 from robodyn_cli.over.live.given import MOST_NUMBERS
 from robodyn_cli.over.live.judging import REASONS
-from robodyn_cli.over.live.keys import LiveScene, columns, entries_of
+from robodyn_cli.over.live.keys import LiveMotion, columns
 from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rules import Tape, plain
 from robodyn_cli.over.many.command import VERDICT
@@ -52,7 +47,7 @@ def kinematic_commands() -> dict[str, KinematicsRuns]:
     return {name: own for name, own in batches.items() if isinstance(own, KinematicsRuns)}
 
 
-class LiveKinematics(LiveScene):
+class LiveKinematics(LiveMotion):
     """The motion of a mechanism, with some keys that vary within ranges, see ``LiveScene``."""
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
@@ -76,10 +71,7 @@ class LiveKinematics(LiveScene):
         self.followed = (
             LoopMotion(guided, motion, self.where) if guided is not None and guided.varies else None
         )
-        with witnessed() as witnesses:
-            self.equations  # noqa: B018 - what is compared while they are built decides as well
-        self.deciding = [*self.structure.deciding, *self.structure.recipe.deciding(witnesses)]
-        self.tables = Tables([own.program for own in self.equations.values()])
+        self._find_what_decides()
 
     # -- code -----------------------------------------------------------------------------------------
     @cached_property
@@ -116,33 +108,7 @@ class LiveKinematics(LiveScene):
             found |= self.followed.equations()
         if picture := picture_of(self.problem.scene, self.problem):
             found["picture"] = picture
-        own, at = {}, 0
-        for group, size in self.sizes.items():
-            own[group] = range(at, at + size)
-            at += size
-        return {name: StateEquations(make_program(of, tuple(own)), own) for name, of in found.items()}
-
-    def texts(self, target: Target) -> list[str]:
-        """Return the code as IR.
-
-        Raises
-        ------
-        CapabilityError : a number follows from a key in Python.
-        """
-        recipe, keys = self.structure.recipe, [key.key.place for key in self.keys]
-        return [
-            numbers_text(recipe, entries_of(self.tables), keys, self.deciding, target),
-            equations_text(self.equations, self.tables, target),
-        ]
-
-    def module(self) -> WasmModule:
-        """Return the code.
-
-        Raises
-        ------
-        CapabilityError : it needs functions that browsers do not have, or a number follows from a key in Python.
-        """
-        return self._module(self.texts(WASM), ["numbers", *self.equations])
+        return self._with_places(self.sizes, found)
 
     # -- figures --------------------------------------------------------------------------------------
     @cached_property
