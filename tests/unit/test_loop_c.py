@@ -156,6 +156,7 @@ def test_all_operations_of_rules_come_out_as_those_of_numpy(tmp_path: Path) -> N
 CASES: dict[str, tuple[str, Sequence[str], Ranges]] = {
     "masses and starts": ("double_pendulum.yaml", (), {**MASSES, "initial.q.theta2": (-2.0, 2.0), "initial.qd.theta1": (-2.0, 2.0)}),
     "explicit, torque": ("double_pendulum.yaml", ("simulate.integrator=dop853", "torques.theta1=2*sin(3*t)", "simulate.rtol=1e-8"), MASSES),
+    "drag from rest": ("double_pendulum.yaml", ("torques.theta1=-abs(qd.theta1)*qd.theta1", "initial.qd={}"), MASSES),
     "stops on the way": ("double_pendulum.yaml", (STOP,), MASSES),
     "sampled, with delay and limits": ("controlled_arm.yaml", ("initial.q.theta2=0.1",), {"control.gains.kp": (300.0, 500.0), "initial.q.theta1": (-1.7, -1.4), "control.limit.theta2": (90.0, 160.0)}),
     "prescribed": ("double_pendulum.yaml", ("initial={q: {theta2: 0.4}}", "simulate.duration=1", "prescribed={theta1: 'if(t<0.4, -0.3*t, -0.12 - 0.3*(t - 0.4))'}"), {"robot.links.link2.mass": (9.0, 15.0)}),
