@@ -149,7 +149,12 @@ def test_hand_wheel_and_keys_turn_and_zoom(planar: tuple[Result, Path], opened: 
     assert flat == "true"
     box = page.locator(".scene").bounding_box()
     page.mouse.move(box["x"] + 300, box["y"] + 100)
+    page.mouse.wheel(0, 200)
+    assert camera(page)[1] == scale and page.evaluate("scrollY") > 0, "a page is scrolled over its drawing"
+    page.evaluate("scrollTo(0, 0)")
+    page.keyboard.down("Control")
     page.mouse.wheel(0, -300)
+    page.keyboard.up("Control")
     assert camera(page)[1] > 1.2 * scale
     before = ends_of(page, "crank")
     page.mouse.down()
@@ -175,6 +180,48 @@ def test_hand_wheel_and_keys_turn_and_zoom(planar: tuple[Result, Path], opened: 
     page.keyboard.press("ArrowRight")
     assert int(page.locator(".time").input_value()) == here + 1
     assert page.locator(".time").get_attribute("aria-valuetext").endswith("seconds")
+
+
+def test_a_body_tells_what_it_is_and_does(planar: tuple[Result, Path], opened: Opener) -> None:
+    """A click on a body, or the keys, choose one; its pose is that of the time shown, and it can be followed."""
+    result, target = planar
+    page = opened(target)
+    told = page.locator(".told-body")
+    assert told.is_hidden()
+    set_slider(page, 300)
+    box = page.locator(".scene [data-part='link crank']").bounding_box()
+    page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    assert told.locator("strong").inner_text() == "crank" and page.locator(".body").input_value() == "0"
+    theta = float(result["q"][300, 0])
+    place = told.locator("tr", has_text="origin of its frame").locator("td").inner_text().replace("−", "-")
+    x, y = (float(part) for part in re.findall(r"-?[\d.]+(?=[,)])", place)[:2])
+    assert [x, y] == pytest.approx([np.cos(theta), np.sin(theta)], abs=1e-4)
+    assert "not given" in told.inner_text(), "the mass is not in the scene"
+    assert f"{np.degrees(theta):.4g}°" in told.inner_text()
+    page.locator(".scene").focus()
+    page.keyboard.press("n")
+    assert {"crank", "coupler", "follower"} <= set(page.locator(".words text").all_text_contents())
+    page.keyboard.press("Shift+B")
+    assert told.is_hidden(), "before the first there is none"
+    page.locator(".body").select_option(label="coupler")
+    page.locator(".scene").focus()
+    paths = page.locator(".scene path").count()
+    page.keyboard.press("g")
+    page.keyboard.press("f")
+    page.wait_for_timeout(100)
+    assert page.locator(".scene path").count() >= paths + 20, "links at seven times, and axes of three frames"
+    page.keyboard.press("g")
+    page.keyboard.press("c")
+    before = ends_of(page, "coupler")
+    set_slider(page, 900)
+    now = ends_of(page, "coupler")
+    end = make_drawing(result, [300, 900])
+    part = next(part for part in end.links if part.name == "coupler")
+    assert np.ptp(end.vertices[:, list(part.vertices), :2], axis=0).max() > 0.5
+    near = np.linalg.norm(before[:, None] - now[None], axis=2).min()
+    assert near < 0.01, "the origin of its frame stays where it was seen"
+    page.locator(".body").select_option(label="none")
+    assert told.is_hidden() and page.locator(".follow").is_disabled()
 
 
 def test_two_fingers_zoom_on_a_phone(planar: tuple[Result, Path], opened: Opener) -> None:

@@ -15,10 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from scipy.spatial.transform import Rotation
 
+from robodyn_cli import simulate
 from robodyn_cli.cli.app import run
 from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.report.canvas import below_heading
+from robodyn_cli.report.drawing.bodies import traced_bodies
 from robodyn_cli.report.figures import shown_errors, shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
@@ -125,6 +128,37 @@ def test_the_drawing_is_that_of_the_stored_poses() -> None:
     assert np.array_equal(unpacked(store.arrays, data["times"]), result.time)
     assert unpacked(store.arrays, data["axes"]).shape[0] == 1, "axes that never turn are stored once"
     assert data["latches"][0]["closed"] == [[12.283, None]] and data["cameras"][0]["distance"] is None
+
+
+@pytest.mark.parametrize("scene", ["seven_joint_arm", "double_pendulum"])
+def test_what_bodies_do_agrees_with_differences(scene: str) -> None:
+    """Velocities are the rates of places and attitudes; the centre of mass is that of the link as it is written."""
+    run_, samples = (inverse, "inverse") if scene == "seven_joint_arm" else (simulate, "simulate")
+    result = run_(load_scene(CONFIGS / f"{scene}.yaml", [f"{samples}.samples=4001"]))
+    written_links = {link.name: link for link in load_scene_text(result.scene_text).robot.links}
+    for body in traced_bodies(result, np.arange(4001)):
+        place, attitude, rate, spin = np.split(body.tracks, [3, 7, 10], axis=1)
+        turned = Rotation.from_quat(attitude[:, [1, 2, 3, 0]])
+        assert body.centre is not None and body.mass == pytest.approx(written_links[body.name].mass)
+        centre = place + turned.apply(body.centre)
+        step = result.time[1] - result.time[0]
+        slopes = (centre[2:] - centre[:-2]) / (2 * step)
+        angles = (turned[2:] * turned[:-2].inv()).as_rotvec() / (2 * step)
+        scale = 1.0 + np.abs(rate).max() + np.abs(spin).max()
+        assert np.abs(slopes - rate[1:-1]).max() < 1e-3 * scale, body.name
+        assert np.abs(angles - spin[1:-1]).max() < 1e-3 * scale, body.name
+        assert body.torque is None or np.array_equal(
+            body.torque[0], result["tau"][:, result.variables["tau"].names.index(body.joint)]
+        )
+
+
+def test_what_never_changes_of_a_body_is_one_number() -> None:
+    store, result = Store(), four_bar_result()
+    crank = next(body for body in motion_data(result, store.arrays)["bodies"] if body["name"] == "crank")
+    assert crank["attitude"][1] == crank["attitude"][2] == 0.0 and crank["mass"] is None
+    half = unpacked(store.arrays, crank["attitude"][0][0])
+    assert np.allclose(np.abs(half), np.abs(np.cos(0.5 * result["q"][:, 0])), atol=1e-6)
+    assert crank["place"] is None and isinstance(crank["vertex"], int), "its place is that of a vertex"
 
 
 # -- charts ---------------------------------------------------------------------------------------------------

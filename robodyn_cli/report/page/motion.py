@@ -8,19 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.report.drawing.bodies import TracedBody, traced_bodies
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.places import evenly, nearest
 from robodyn_cli.report.drawing.record import Drawing, DrawnLatch, DrawnPart, Trail
 from robodyn_cli.report.movie.frames import usual_speed
 from robodyn_cli.report.page.charts import Arrays
-from robodyn_cli.report.style import number
+from robodyn_cli.report.style import number, unit
 from robodyn_cli.results.moments import Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.mesh.surfaces import CUBE, Surface
 from robodyn_cli.spatial.algebra import Array
 
 MOST_POSES = 1500
+BODY_NUMBERS = 300_000  # of what bodies do, of all poses; many of them never change
+OF_BODY = 9  # place, attitude, speeds
+SAME = 1e-9  # of the drawing's size: places that are one
 NUMBERS = 200_000  # of vertices, axes and forces of all poses: 0.8 MB, and a third more as text
 FEWEST_POSES = 100
 TRAILS = 4000  # places of all paths
@@ -33,7 +37,8 @@ def motion_data(result: Result, arrays: Arrays) -> dict[str, Any]:
     happened = moments(result)
     samples = chosen_samples(result.time, happened, MOST_POSES)
     drawing = make_drawing(result, samples)
-    most = max(FEWEST_POSES, NUMBERS // _numbers_of_pose(drawing))
+    few = BODY_NUMBERS // (OF_BODY * max(1, len(drawing.links)))
+    most = max(FEWEST_POSES, min(few, NUMBERS // _numbers_of_pose(drawing)))
     if most < len(samples):
         thinner = chosen_samples(result.time, happened, most)
         kept = np.searchsorted(samples, np.intersect1d(thinner, samples))
@@ -44,6 +49,7 @@ def motion_data(result: Result, arrays: Arrays) -> dict[str, Any]:
     return {
         **_drawing(drawing, arrays),
         **_view(view),
+        "bodies": [_body(body, drawing, arrays) for body in traced_bodies(result, samples)],
         "caption": f"Longest arrow {number(strongest)} N." if strongest > 0.0 else "",
         "speed": usual_speed(duration) if duration > 0.0 else 1.0,
         "poses": len(drawing.times),
@@ -90,6 +96,41 @@ def _centre(drawing: Drawing) -> list[float]:
     """Return the middle of everything (3,) [m]."""
     points = drawing.everything
     return (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist() if len(points) else [0.0, 0.0, 0.0]
+
+
+def _body(body: TracedBody, drawing: Drawing, arrays: Arrays) -> dict[str, Any]:
+    """Return what is told of a body; of its place, attitude and speeds a number where one never changes, else an array
+    in a list; the number of a vertex where its place is that of one.
+    """
+    place, attitude, rate, spin = np.split(body.tracks, [3, 7, 10], axis=1)
+    torque = None
+    if body.torque is not None:
+        torque = {"values": [arrays.put(body.torque[0])], "unit": unit(body.torque[1])}
+    return {
+        "name": body.name,
+        "mass": body.mass,
+        "centre": None if body.centre is None else body.centre.tolist(),
+        "joint": body.joint,
+        "loads": list(body.loads),
+        "torque": torque,
+        "vertex": _vertex(place, drawing),
+        "place": [_track(column, arrays) for column in place.T] if _vertex(place, drawing) is None else None,
+        "attitude": [_track(column, arrays) for column in attitude.T],
+        "speeds": [_track(np.linalg.norm(part, axis=1), arrays) for part in (rate, spin)],
+    }
+
+
+def _vertex(place: Array, drawing: Drawing) -> int | None:
+    """Return the number of the vertex that is always at a place (T, 3)."""
+    off = np.abs(drawing.vertices - place[:, None]).max(axis=(0, 2))
+    near = np.flatnonzero(off < SAME * drawing.size)
+    return int(near[0]) if len(near) else None
+
+
+def _track(column: Array, arrays: Arrays) -> Any:
+    if not np.isfinite(column).any():
+        return None
+    return float(column[0]) if np.ptp(column) == 0.0 else [arrays.put(column)]
 
 
 def _part(part: DrawnPart, arrays: Arrays) -> dict[str, Any]:

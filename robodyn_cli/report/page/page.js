@@ -20,6 +20,14 @@ function drawingOf(data, arrays) {
   found.parts = data.parts.map((part) => (part.surface ? { ...part, surface: withArrays(part.surface, arrays, ["points"]) } : part));
   found.shaped = new Set(data.parts.filter((part) => part.kind === "shape").map((part) => part.name));
   found.trails = data.trails.map((trail) => withArrays(trail, arrays, ["times", "points"]));
+  const tracks = (list) => list && list.map((track) => (Array.isArray(track) ? arrays[track[0]] : track)), { vertices } = found;
+  found.bodies = data.bodies.map((body) => ({
+    ...body,
+    torque: body.torque && { ...body.torque, values: arrays[body.torque.values[0]] },
+    place: tracks(body.place) || [0, 1, 2].map((k) => ({ array: vertices, start: 3 * body.vertex + k, step: 3 * vertices.shape[1] })),
+    attitude: tracks(body.attitude),
+    speeds: tracks(body.speeds),
+  }));
   return found;
 }
 

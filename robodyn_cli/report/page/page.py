@@ -30,7 +30,11 @@ from robodyn_cli.version import __version__
 SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
 ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
 LISTED = 12  # moments that have a button
-HELP = "Drag or arrow keys: turn. Wheel, pinch, + and −: zoom. Shift and drag: move. 0: as at first. Space: play."
+HELP = (
+    "Drag or arrow keys: turn. Ctrl and wheel (wheel alone after a click), pinch, + and −: zoom. Shift and drag: move. "
+    "0: as at first. Space: play. Click a body, or B: what it is and does; C: follow it. N: names. F: frames. "
+    "G: ghosts, the links at other times."
+)
 USUAL = 48  # points of a curve over a key
 LIVE = (
     "Drawing, figures and plots here are of runs in this page, made more than once, so that they have errors as those "
@@ -128,9 +132,11 @@ def _motion(result: Result, store: Store) -> Html:
     if poses < samples:
         kept = ", those at moments of the run among them" if moments(result) else ""
         words.append(f" {poses} of {samples} samples are shown{kept}.")
-    content = [drawing, _controls(data), _moments(result) if poses > 1 else None]
+    told = element("div", class_="told-body", hidden=True, role="group", aria_label="Chosen body")
+    content = [drawing, _controls(data), told, _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
-    content += [tables.errors_of(result.summary, "q")]
+    seen = [path for path in ("q", "qd", "tau", "reactions") if path in result or result.group(path)]
+    content += [tables.errors_of(result.summary, *seen)]
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 
@@ -189,11 +195,10 @@ def _controls(data: Mapping[str, Any]) -> Html:
         for speed in speeds
     ]
     views = [element("option", camera["name"], value=k) for k, camera in enumerate(data["cameras"])]
-    layers = {"arrows": "forces", "trails": "paths", "masses": "centres of mass"}
     boxes = [
-        element("label", element("input", type="checkbox", checked=True, data_layer=layer), words)
-        for layer, words in layers.items()
-        if data[layer]
+        element("label", element("input", type="checkbox", checked=on, data_layer=layer), words)
+        for layer, words, on, there in _layers(data)
+        if there
     ]
     motion = [
         element("button", "▶", class_="play", type="button", aria_label="Play"),
@@ -213,10 +218,32 @@ def _controls(data: Mapping[str, Any]) -> Html:
     looks = [
         element("select", views, class_="view", aria_label="View") if len(views) > 1 else None,
         element("button", "reset", class_="reset", type="button", aria_label="View as at first"),
+        element("button", "full screen", class_="full", type="button", hidden=True),
         boxes,
     ]
+    if data["bodies"]:
+        names = [element("option", "none", value="")]
+        names += [element("option", body["name"], value=k) for k, body in enumerate(data["bodies"])]
+        looks.append(element("label", "body", element("select", names, class_="body")))
+        if data["poses"] > 1:
+            box = element("input", type="checkbox", class_="follow", disabled=True)
+            looks.append(element("label", box, "follow"))
     moving = element("div", motion, class_="controls") if data["poses"] > 1 else None
     return markup([moving, element("div", looks, class_="controls")])
+
+
+def _layers(data: Mapping[str, Any]) -> list[tuple[str, str, bool, bool]]:
+    """Return what can be shown in a drawing: key, words, whether it is at first, whether there is any."""
+    arrows = data["arrows"]
+    return [
+        ("arrows", "forces", True, any(not arrow["reaction"] for arrow in arrows)),
+        ("reactions", "reactions", True, any(arrow["reaction"] for arrow in arrows)),
+        ("trails", "paths", True, bool(data["trails"])),
+        ("masses", "centres of mass", True, bool(data["masses"])),
+        ("names", "names", False, True),
+        ("frames", "frames", False, bool(data["bodies"])),
+        ("ghosts", "ghosts", False, data["poses"] > 1),
+    ]
 
 
 def _moments(result: Result) -> Html | None:
@@ -271,6 +298,7 @@ SCRIPTS = (
     "strokes.js",
     "surfaces.js",
     "player.js",
+    "bodies.js",
     "axes.js",
     "charts.js",
     "pointing.js",

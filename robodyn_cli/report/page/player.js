@@ -2,6 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const MARGIN = 0.07, ROOM = 38; // around a drawing: of its extent, and for marks at the rim [pixels]
+const STILL = 4; // pixels that a click may move
 const DISTANCE = 2.6; // of the eye, over the largest extent, once a flat drawing is turned
 
 /* A drawing before a camera, at one of its poses. */
@@ -14,6 +15,8 @@ class View {
     this.version = 0; // of the camera: what depends on it alone is kept until it changes
     this.kept = new Map();
     this.pose = 0;
+    this.followed = null; // body that stays where it is seen
+    this.shift = [0, 0, 0]; // of the camera, which follows it
     this.look(0);
   }
 
@@ -45,11 +48,22 @@ class View {
   show(pose) {
     this.pose = pose;
     this.points = [];
+    if (this.followed) this.catchUp();
+  }
+  /* Follow a body from here on, or none. */
+  follow(body) {
+    this.followed = body && { body, from: plus(originOf(body, this.pose), this.shift, -1) };
+  }
+  catchUp() {
+    const here = originOf(this.followed.body, this.pose);
+    if (!here.every(Number.isFinite)) return;
+    this.shift = plus(here, this.followed.from, -1);
+    this.changed();
   }
 
   // -- from space to the screen -----------------------------------------------------------------------------------
   seen(p) {
-    const d = plus(p, this.target, -1), depth = dot(d, this.back);
+    const d = plus(plus(p, this.target, -1), this.shift, -1), depth = dot(d, this.back);
     const gap = this.flat ? 1 : this.distance - depth;
     const s = this.flat ? 1 : gap > 0.05 * this.distance ? this.distance / gap : NaN;
     return this.onScreen(s * dot(d, this.right), s * dot(d, this.up), depth);
@@ -109,10 +123,10 @@ class View {
   }
   gridLines() { return this.once("grid", () => (this.flat ? this.paperLines() : this.floorLines())); }
   paperLines() {
-    const half = [this.width / 2 / this.scale, this.height / 2 / this.scale], found = [];
+    const half = [this.width / 2 / this.scale, this.height / 2 / this.scale], off = [dot(this.shift, this.right), dot(this.shift, this.up)], found = [];
     for (const k of [0, 1]) {
-      for (const mark of marks(this.middle[k] - half[k], this.middle[k] + half[k], this.pitch)) {
-        const end = (sign) => (k ? [this.middle[0] + sign * half[0], mark] : [mark, this.middle[1] + sign * half[1]]);
+      for (const line of marks(this.middle[k] + off[k] - half[k], this.middle[k] + off[k] + half[k], this.pitch)) {
+        const mark = line - off[k], end = (sign) => (k ? [this.middle[0] + sign * half[0], mark] : [mark, this.middle[1] + sign * half[1]]);
         found.push([this.onScreen(...end(-1)), this.onScreen(...end(1))]);
       }
     }
@@ -179,7 +193,7 @@ class Painter {
       const entry = this.pool[k] || (this.pool[k] = { node: made("path", {}, this.group), values: {} });
       const values = {
         d: stroke.d, stroke: stroke.width ? stroke.colour : "none", "stroke-width": round(stroke.width), fill: stroke.fill,
-        "stroke-dasharray": stroke.dash || "none", "data-part": stroke.part,
+        "stroke-dasharray": stroke.dash || "none", "data-part": stroke.part, "data-body": stroke.body,
       };
       for (const [key, value] of Object.entries(values)) {
         if (entry.values[key] !== value) entry.node.setAttribute(key, value);
@@ -197,12 +211,14 @@ class Player {
     this.view = new View(drawing);
     this.painter = new Painter(this.svg);
     this.cross = made("g", { class: "cross" }, this.svg);
-    this.shown = { arrows: true, trails: true, masses: true };
+    this.words = made("g", { class: "words", "aria-hidden": "true" }, this.svg);
+    this.shown = { arrows: true, reactions: true, trails: true, masses: true, names: false, frames: false, ghosts: false };
     this.listeners = [];
     this.frame = null; // of the browser, while it plays
     this.waiting = false;
     this.controls();
     this.pointers();
+    this.bodies = new Bodies(this);
     new ResizeObserver(() => this.resize()).observe(this.svg.parentElement);
     this.resize();
     this.show(0);
@@ -213,7 +229,8 @@ class Player {
 
   resize() {
     const [low, high] = this.view.drawing.cameras[0].extent, width = Math.max(200, this.svg.parentElement.clientWidth);
-    const height = Math.min(Math.max(width * (high[1] - low[1]) / (high[0] - low[0]), 240, 0.4 * width), 0.75 * width, 560);
+    const most = document.fullscreenElement === this.figure ? 0.72 * window.innerHeight : 560;
+    const height = Math.min(Math.max(width * (high[1] - low[1]) / (high[0] - low[0]), 240, 0.4 * width), 0.75 * width, most);
     if (width === this.view.width && Math.abs(height - this.view.height) < 1) return;
     const zoom = width / this.view.width;
     Object.assign(this.view, { width, height });
@@ -234,6 +251,7 @@ class Player {
     this.waiting = false;
     this.painter.paint(new Strokes(this.view, this.shown).all());
     this.axes();
+    this.write();
     const { scale, middle, pose } = this.view;
     Object.assign(this.svg.dataset, { pose, scale, x: middle[0], y: middle[1], flat: this.view.flat });
     const caption = this.find(".grid-caption");
@@ -253,11 +271,32 @@ class Player {
     });
   }
 
+  /* Write the names of links, and the letters of axes, where there is room for them. */
+  write() {
+    this.words.replaceChildren();
+    const placed = [], { shown, view } = this;
+    const put = (word, [x, y]) => {
+      const half = 3.6 * word.length;
+      if (!isPlace([x, y]) || placed.some(([a, b, c]) => Math.abs(a - x) < half + c && Math.abs(b - y) < 13)) return;
+      placed.push([x, y, half]);
+      made("text", { x: round(x), y: round(y) }, this.words).textContent = word;
+    };
+    if (shown.names) {
+      for (const part of view.drawing.parts) {
+        if (part.kind !== "link" || !part.vertices.length) continue;
+        const corners = part.vertices.map((v) => view.at(v)), mean = (k) => corners.reduce((sum, p) => sum + p[k], 0) / corners.length;
+        put(part.name, [mean(0), mean(1) - 9]);
+      }
+    }
+    if (shown.frames) for (const axis of axesOf(view)) put(axis.letter, along(axis.ends[1], ahead(...axis.ends) || [1, 0], 8));
+  }
+
   /* Show another motion of the same things, at the time that is shown. */
   replace(motion) {
     const { time } = this.view;
     Object.assign(this.view.drawing, motion);
     this.view.changed();
+    this.bodies.replaced();
     const slider = this.find(".time");
     if (slider) slider.max = this.times.length - 1;
     if (!this.playing) this.showTime(time);
@@ -274,6 +313,7 @@ class Player {
       this.find(".clock").textContent = `t = ${clock(this.view.time, this.times)} s`;
     }
     for (const listener of this.listeners) listener(this.view.time);
+    this.bodies?.tell();
     this.draw();
   }
   /* Show the pose nearest to a time. */
@@ -341,25 +381,39 @@ class Player {
       "+": () => this.view.zoom(1.2), "=": () => this.view.zoom(1.2), "-": () => this.view.zoom(1 / 1.2), "0": first,
       " ": () => this.find(".play") && this.toggle(),
     };
-    if (!(event.key in keys) || event.ctrlKey || event.metaKey || event.altKey) return;
+    const press = (name) => this.find(`[data-layer='${name}']`)?.click(), letters = {
+      n: () => press("names"), f: () => press("frames"), g: () => press("ghosts"), b: () => this.bodies.next(event.shiftKey ? -1 : 1),
+      c: () => this.bodies.box?.click(), Escape: () => this.svg.blur(),
+    };
+    const key = keys[event.key] || letters[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!key || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    keys[event.key]();
+    key();
     this.draw();
   }
 
-  /* Drag turns, with shift it moves; two fingers zoom, turn and move; the wheel zooms. */
+  /* Drag turns, with shift it moves; two fingers zoom, turn and move. The wheel zooms with Ctrl, or once the drawing has
+     been clicked: a page is scrolled over it. A click chooses a body. */
   pointers() {
     const down = new Map();
+    let start = null; // where a finger went down that has not moved since
     const ratio = () => this.view.width / this.svg.getBoundingClientRect().width;
     this.svg.addEventListener("pointerdown", (event) => {
       down.set(event.pointerId, [event.clientX, event.clientY]);
+      start = down.size === 1 ? [event.clientX, event.clientY] : null;
       this.svg.setPointerCapture(event.pointerId);
     });
     for (const name of ["pointerup", "pointercancel"]) this.svg.addEventListener(name, (event) => down.delete(event.pointerId));
+    this.svg.addEventListener("pointerup", (event) => {
+      if (start) this.bodies.at(event.clientX, event.clientY);
+      start = null;
+    });
     this.svg.addEventListener("pointermove", (event) => {
       const before = down.get(event.pointerId);
       if (!before) return;
       const now = [event.clientX, event.clientY], [dx, dy] = [now[0] - before[0], now[1] - before[1]];
+      if (start && Math.hypot(now[0] - start[0], now[1] - start[1]) < STILL) return;
+      start = null;
       down.set(event.pointerId, now);
       const other = [...down].find(([id]) => id !== event.pointerId);
       if (other) {
@@ -372,6 +426,7 @@ class Player {
       this.draw();
     });
     this.svg.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && !event.metaKey && document.activeElement !== this.svg) return;
       event.preventDefault();
       const box = this.svg.getBoundingClientRect(), factor = Math.exp(-0.0015 * event.deltaY * (event.deltaMode ? 20 : 1));
       this.view.zoom(factor, (event.clientX - box.left) * ratio(), (event.clientY - box.top) * ratio());

@@ -152,6 +152,9 @@ function hatching(a, b, down, size) {
 }
 
 // -- strokes --------------------------------------------------------------------------------------------------
+const GHOSTS = 7; // positions of a link that are seen at once
+const CHOSEN = "var(--alarm)"; // the rim of the body that is told of
+const BODIES = ["link", "solid", "shape"]; // kinds of parts that are bodies, and not what joins them
 const LAYERS = { grid: 0, shadow: 1, ground: 2, trail: 3, body: 4, onTop: 5, latch: 6, load: 7 };
 const INK = "var(--ink)", PAPER = "var(--paper)", ALARM = "var(--alarm)", REACTION = "#cc79a7";
 /* A colour with a part of another one in it; the theme says what ink and paper are. */
@@ -178,20 +181,27 @@ class Strokes {
     this.colours = new Map(this.drawing.parts.filter((p) => p.kind === "link").flatMap((p) => p.vertices.map((v) => [v, inked(p.colour)])));
   }
 
+  /* body : the link that a stroke is of, for those who click on it. */
   add(d, layer, depth, look, part = "") {
-    if (d) this.found.push({ d, layer: LAYERS[layer], depth, width: 1, fill: "none", colour: INK, dash: "", ...look, part });
+    if (d) this.found.push({ d, layer: LAYERS[layer], depth, width: 1, fill: "none", colour: INK, dash: "", body: this.owner || "", ...look, part });
   }
 
   all() {
     this.grid();
     if (!this.view.flat) this.shadows();
     if (this.shown.trails) this.trails();
-    this.drawing.parts.forEach((part, place) => this.part(part, place));
+    if (this.shown.ghosts) this.ghosts();
+    this.drawing.parts.forEach((part, place) => {
+      this.owner = BODIES.includes(part.kind) ? part.name : "";
+      this.part(part, place);
+    });
+    this.owner = "";
     if (this.shown.masses) this.masses();
     this.bobs();
     for (const pin of this.drawing.pins) this.pin(pin);
     for (const latch of this.drawing.latches) this.latch(latch);
-    if (this.shown.arrows) this.arrows();
+    this.arrows();
+    if (this.shown.frames) this.frames();
     this.found.sort((a, b) => a.layer - b.layer || a.depth - b.depth);
     return this.found;
   }
@@ -223,6 +233,23 @@ class Strokes {
     }
   }
 
+  /* Links where they are at some other times, pale: the same until the camera moves. */
+  ghosts() {
+    const found = this.view.once("ghosts", () => {
+      const last = this.drawing.times.length - 1, poses = Array.from({ length: GHOSTS }, (_, k) => Math.round(last * k / (GHOSTS - 1)));
+      return this.drawing.parts.filter((part) => part.kind === "link" && part.vertices.length > 1).flatMap((part) => poses.map((pose) => {
+        const points = part.vertices.map((v) => this.view.seen(this.view.place(v, pose)));
+        return { d: points.every(isPlace) ? path(outline(points), points.length > 2) : "", colour: mixed(inked(part.colour), PAPER, 0.7) };
+      }));
+    });
+    for (const { d, colour } of found) this.add(d, "trail", -1, { colour, width: Math.max(1.5, 0.35 * this.width) });
+  }
+
+  /* The axes of the links' frames, with their letters in player.js. */
+  frames() {
+    for (const axis of axesOf(this.view)) this.add(path(axis.ends), "load", 1, { colour: axis.colour, width: 2 });
+  }
+
   part(part, place) {
     const corners = part.vertices.map((v) => this.view.at(v));
     if (!corners.length || !corners.every(isPlace)) return;
@@ -232,14 +259,16 @@ class Strokes {
     if (part.kind === "link") {
       if (corners.length > 1) this.body(outline(corners), colour, this.width, depth, name);
     } else if (part.surface) {
-      for (const [d, at, look] of solid(part, this.view, colour, depth)) this.add(d, "body", at, look, name);
+      for (const [d, at, look] of solid(part, this.view, colour, depth)) this.add(d, "body", at, this.isChosen ? { ...look, colour: CHOSEN } : look, name);
     } else if (part.kind === "ground") this.ground(corners, name);
     else this.connector(part, ...corners.slice(0, 2), depth, name);
   }
 
+  get isChosen() { return this.owner !== "" && this.owner === this.shown.body; }
+
   /* A bar with round ends, or a plate with round corners. */
   body(points, colour, width, depth, name) {
-    const dark = mixed(colour, INK, 0.35), light = mixed(colour, PAPER, 0.62), closed = points.length > 2;
+    const dark = this.isChosen ? CHOSEN : mixed(colour, INK, 0.35), light = mixed(colour, PAPER, 0.62), closed = points.length > 2;
     const d = path(points, closed), rim = Math.min(1.3, 0.25 * width);
     this.add(d, "body", depth, { colour: dark, width, fill: closed ? dark : "none" }, name);
     this.add(d, "body", depth, { colour: light, width: width - 2 * rim, fill: closed ? light : "none" });
@@ -381,6 +410,7 @@ class Strokes {
 
   arrows() {
     for (const arrow of this.drawing.arrows) {
+      if (!this.shown[arrow.reaction ? "reactions" : "arrows"]) continue;
       const place = this.view.place(arrow.vertex), force = this.view.row(arrow.force, 0, 1);
       const [tail, tip] = [place, plus(place, force, this.drawing.arrow)].map((p) => this.view.seen(p));
       const length = Math.hypot(tip[0] - tail[0], tip[1] - tail[1]);

@@ -192,9 +192,9 @@ def main_figures(result: Result) -> Html | None:
     return element("div", element("h3", "Main figures"), parts) if parts else None
 
 
-def errors_of(summary: Mapping[str, Any], path: str) -> Html | None:
-    """Return the errors and residuals that a dataset is to be read with, None where the summary has none for it."""
-    said = [told(one) for one in concerning(summary, path)]
+def errors_of(summary: Mapping[str, Any], *paths: str) -> Html | None:
+    """Return the errors and residuals that datasets are to be read with, None where the summary has none for them."""
+    said = dict.fromkeys(told(one) for path in paths for one in concerning(summary, path))
     return element("p", f"Errors: {'; '.join(said)}.", class_="errors") if said else None
 
 
