@@ -51,7 +51,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for scene, command, names in (*RUNS, *DRAWN):
             out = Path(folder) / scene
-            printed = output("-m", "robodyn_cli", command, f"configs/{scene}.yaml", "--out", str(out))
+            printed = output("-m", "robodyn_cli", command, f"configs/{scene}.yaml", "-v", "--out", str(out))
             if (scene, command, names) in RUNS:
                 lines = [line for line in printed.splitlines() if not line.startswith(LEFT_OUT)]
                 page = boxed(page, lines[0], "\n".join(lines) + "\n")

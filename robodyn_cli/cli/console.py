@@ -42,11 +42,12 @@ _GAP = re.compile(r"\s{2,}(?=\S)")  # between a label and its text
 
 
 class Console:
-    """One command's output, as ``--json`` and ``--quiet`` ask for it."""
+    """One command's output, as ``--json``, ``--quiet`` and ``--verbose`` ask for it."""
 
-    def __init__(self, as_json: bool = False, quiet: bool = False) -> None:
+    def __init__(self, as_json: bool = False, quiet: bool = False, verbose: bool = False) -> None:
         self.as_json = as_json
         self.quiet = quiet
+        self.verbose = verbose  # whether results are told whole
         self.for_people = not quiet and not as_json  # whether results are printed in words
         self._doing: Callable[[], str] = str
 

@@ -14,14 +14,16 @@ MOST_POLES = 12
 ZERO = 1e-14  # of the largest gain of a row: rounding
 
 
-def control_lines(control: Mapping[str, Any]) -> list[str]:
+def control_lines(control: Mapping[str, Any], verbose: bool = True) -> list[str]:
     """Return what a controller is, and for each coordinate its largest error and time at limits."""
     sampled = (
         f", {control['updates']} samples every {number(control['period'])} s" if "period" in control else ""
     )
     if control.get("delay"):
         sampled += f", {number(control['delay'])} s late"
-    lines = [f"  controller         {control['type']}{sampled}", *_design_lines(control)]
+    lines = [f"  controller         {control['type']}{sampled}"]
+    if verbose:
+        lines += _design_lines(control)
     if tracking := control.get("tracking"):
         lines += ["", _tracking_table(tracking, control.get("saturated", {})), ""]
     return lines

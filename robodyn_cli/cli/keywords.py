@@ -21,7 +21,8 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.text.values import settings, text_of
 
 # options that concern terminals alone: a function prints nothing
-OF_TERMINALS = {"json": "a result has its summary as a map", "quiet": "nothing is printed"}
+OF_TERMINALS = {"json": "a result has its summary as a map", "quiet": "nothing is printed",
+                "verbose": "nothing is printed"}  # fmt: skip
 SCENES = ("scene", "scenes", "source")  # arguments that may be a scene of any source
 OVERRIDES = "overrides"
 RESULTS = ("result", "results", "baseline", "source")  # arguments that may be a result in memory

@@ -29,6 +29,12 @@ def latch_lines(summary: Mapping[str, Any]) -> list[str]:
         if "opened" in own:
             parts.append(f"open again from t = {number(own['opened'])} s on")
         lines.append(f"  {name:<18} {', '.join(parts)}")
+    return lines + open_lines(summary)
+
+
+def open_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about the latches that stay open."""
+    lines = []
     for name, own in summary.get("missed", {}).items():
         near = f"{number(own['nearest'])} {own['unit']}".rstrip()
         told = "" if own["time"] is None else f", nearest at t = {number(own['time'])} s: {near} off"

@@ -185,6 +185,9 @@ ReportAsJson = Annotated[
     bool, typer.Option("--json", help="Print the report as JSON, alone, on standard output.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print all figures, checks and costs, and the files written.")
+]
 NoErrorEstimate = Annotated[
     bool, typer.Option("--no-error-estimate", help="Skip the second integration that estimates the error.")
 ]
@@ -237,6 +240,7 @@ class SharedOptions:
     no_titles: NoTitles = False
     as_json: AsJson = False
     quiet: Quiet = False
+    verbose: Verbose = False
     kept: Any = None
 
     @property
@@ -254,7 +258,7 @@ class SharedOptions:
 
     @property
     def console(self) -> Console:
-        return self.kept or Console(self.as_json, self.quiet)
+        return self.kept or Console(self.as_json, self.quiet, self.verbose)
 
     def job(
         self, command: str, scene: Path, strict: bool = False, changes: Sequence[str] = (), **more: Any

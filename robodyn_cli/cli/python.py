@@ -207,7 +207,7 @@ def _absent(one: Keyword) -> Any:
 def _silent(command: str) -> dict[str, Any]:
     """Return the options of terminals that a command has."""
     names = inspect.signature(declared(command)).parameters
-    return {name: False for name in ("as_json", "quiet") if name in names}
+    return {name: False for name in ("as_json", "quiet", "verbose") if name in names}
 
 
 def _tell(notes: list[str]) -> None:

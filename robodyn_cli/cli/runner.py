@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.tools.progress import Stopwatch
 
-Describe = Callable[[Mapping[str, Any]], str]
+# the summary of a result in words: what matters most, or with --verbose all
+Describe = Callable[[Mapping[str, Any], bool], str]
 
 
 def default_directory(scene: Path | None, command: str) -> Path:
@@ -143,13 +144,20 @@ def show(result: Result, directory: Output, console: Console, describe: Describe
     _show_data(directory, console)
     if not console.for_people:
         return
-    console.say(describe(result.summary))
-    if result.events:
+    console.say(describe(result.summary, console.verbose))
+    if result.events and console.verbose:
         from robodyn_cli.results.moments import moment_lines
 
         for line in moment_lines(result, width(sys.stdout) or 80):
             console.say(line)
-    console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+    say_where(directory, console)
+
+
+def say_where(directory: Output, console: Console) -> None:
+    """Print where results are: how many files, or all of them by name."""
+    names = directory.outputs
+    files = ", ".join(names) if console.verbose else f"{len(names)} files; -v tells more"
+    console.say(f"results: {directory.path}  ({files})")
 
 
 def _show_data(directory: Output, console: Console) -> None:

@@ -142,8 +142,8 @@ def bound_text(error: float | None) -> str:
     return "" if error is None else f" +- {error_text(error)}"
 
 
-def error_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return lines about the errors of an integration."""
+def error_lines(summary: Mapping[str, Any], verbose: bool = True) -> list[str]:
+    """Return lines about the errors of an integration; verbose : those of energy and constraints too."""
     estimate = summary.get("error_estimate")
     lines = []
     if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
@@ -165,11 +165,11 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
         lines.append(f"  estimated error    none: {estimate['reason']}")
     else:
         lines.append("  estimated error    not asked for")
-    if summary.get("energy_drift") is not None:
+    if verbose and summary.get("energy_drift") is not None:
         balance = summary.get("energy_balance", "energy")
         lines.append(f"  energy drift       {error_text(summary['energy_drift'])} J ({balance})")
     residual = summary.get("constraint_residual")
-    if isinstance(residual, Mapping):
+    if verbose and isinstance(residual, Mapping):
         # of loops, and of prescribed joints where there are no loops
         lines.append(
             f"  constraints        off by {error_text(residual['position'])} m or rad, "
@@ -196,8 +196,10 @@ def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def cost_line(summary: Mapping[str, Any]) -> str:
-    """Return a line about steps and times."""
+def cost_lines(summary: Mapping[str, Any], verbose: bool = True) -> list[str]:
+    """Return a line about steps and times, where all is told."""
+    if not verbose:
+        return []
     counters = summary.get("counters", {})
     times = summary.get("wall_time_s", {})
     steps = (
@@ -207,7 +209,7 @@ def cost_line(summary: Mapping[str, Any]) -> str:
     )
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
     told = " without an error estimate" if summary.get("error_estimate", {}) is None else ""
-    return f"  cost               {steps}ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
+    return [f"  cost               {steps}ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"]
 
 
 def holding_lines(torques: Mapping[str, float], units: Mapping[str, str]) -> list[str]:

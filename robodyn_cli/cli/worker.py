@@ -46,7 +46,7 @@ def _run(command: str, scene: str, out: str, overrides: list[str], drawings: dic
     if drawings is not None:
         drawn = Drawings(**{**drawings, "names": drawings["names"] and tuple(drawings["names"])})
     job = SceneRun(command, Path(scene), Path(out), overrides, drawn)
-    return guarded(lambda: run_scene(job, Console(as_json=True, quiet=True), lambda summary: ""))()
+    return guarded(lambda: run_scene(job, Console(as_json=True, quiet=True), lambda *_: ""))()
 
 
 def _end_with_the_batch() -> None:

@@ -28,7 +28,7 @@ def make(path: Path, **kind: Any) -> Path:
     scene = arm(path, **kind)
     quiet = Console(quiet=True)
     directory = path.with_suffix("")
-    assert run_scene(SceneRun("inverse", scene, directory), quiet, lambda _: "") == 0
+    assert run_scene(SceneRun("inverse", scene, directory), quiet, lambda *_: "") == 0
     return directory
 
 

@@ -54,7 +54,7 @@ def test_a_gap_is_exit_code_5(tmp_path: Path) -> None:
     ("inverse", "five_bar_circle", "path error"),
 ])  # fmt: skip
 def test_tables(command: str, scene: str, says: str, tmp_path: Path) -> None:
-    done = invoke(command, str(SCENES / f"{scene}.yaml"), "--out", str(tmp_path), "--no-plots")
+    done = invoke(command, str(SCENES / f"{scene}.yaml"), "--out", str(tmp_path), "--no-plots", "-v")
     assert done.code == 0 and says in done.out
     assert invoke("validate", str(SCENES / f"{scene}.yaml")).code == 0
 
@@ -95,5 +95,5 @@ def test_residuals_of_prescribed_joints_are_not_called_those_of_loops(tmp_path: 
         "links: [{name: l, mass: 1, com: [1, 0, 0], inertia: {zz: 0.1}}]}\n"
         "prescribed: {a: sin(t)}\nsimulate: {duration: 1, samples: 5}\n"
     )
-    done = invoke("simulate", scene, "--out", tmp_path / "out", "--no-plots")
+    done = invoke("simulate", scene, "--out", tmp_path / "out", "--no-plots", "-v")
     assert done.code == 0 and "constraints        off by" in done.out and "loop residual" not in done.out

@@ -25,10 +25,10 @@ trajectory: {type: joint, duration: 2, q: {slide: 0.1*sin(t), arm: t}}
 
 
 def test_figures_have_units(tmp_path: Path) -> None:
-    done = invoke("inverse", CONFIGS / "2r_circle.yaml", "--no-plots", "--out", tmp_path)
+    done = invoke("inverse", CONFIGS / "2r_circle.yaml", "--no-plots", "-v", "--out", tmp_path)
     assert "peak torque [N m]" in done.out and "peak speed [rad/s]" in done.out
     (tmp_path / "mixed.yaml").write_text(MIXED)
-    done = invoke("inverse", tmp_path / "mixed.yaml", "--no-plots", "--out", tmp_path / "out")
+    done = invoke("inverse", tmp_path / "mixed.yaml", "--no-plots", "-v", "--out", tmp_path / "out")
     slide, arm = (line for line in done.out.splitlines() if line.startswith(("  slide", "  arm")))
     assert "19.62 N " in slide and "m/s" in slide and "4.905 N m" in arm and "rad/s" in arm
 

@@ -19,7 +19,7 @@ POSE = ("--frame", "link6", "--position", "0.4,0.2,0.9", "--rpy", "0,90 deg,0.3"
 
 
 def test_all_branches_are_listed_drawn_and_stored(tmp_path: Path) -> None:
-    done = invoke("reach", PUMA, *POSE, "--branch", "lefty-elbow_up-flip", "--out", str(tmp_path))
+    done = invoke("reach", PUMA, *POSE, "--branch", "lefty-elbow_up-flip", "-v", "--out", str(tmp_path))
     assert (
         done.code == 0 and "lefty-elbow_up-flip (chosen)" in done.out and "righty-elbow_down-flip" in done.out
     )

@@ -17,7 +17,7 @@ from robodyn_cli.cli import console, progress_line
 from robodyn_cli.cli.console import fitted
 from robodyn_cli.cli.words import table
 from tests.cli.batch_scenes import arm
-from tests.cli.tool import COMMAND, CONFIGS, ROOT
+from tests.cli.tool import COMMAND, CONFIGS, ROOT, invoke
 
 CODES = re.compile("\x1b\\[[0-9;]*m")
 
@@ -114,6 +114,36 @@ def test_no_line_is_wider_than_the_terminal(command: str, width: int, tmp_path: 
     words = [line for line in lines if " " in line.strip()]  # a path alone may be longer
     assert len(words) >= 2 and max(map(len, words)) <= width
     assert ("\x1b[31mfailed\x1b[0m" in shown) == (command == "run")
+
+
+SHORT = {
+    "simulate": ("double_pendulum", "estimated error", "energy drift"),
+    "inverse": ("2r_circle", "rounding", "round trip error"),
+    "deploy": ("four_bar_deploy", "locked", "criteria"),
+    "statics": ("mechanisms/balanced_four_bar", "balanced", "mobility"),
+    "kinematics": ("mechanisms/four_bar_kinematics", "closure", "mobility"),
+}
+
+
+@pytest.mark.parametrize("command", SHORT)
+def test_by_default_the_main_figures_are_told_and_with_v_all(command: str, tmp_path: Path) -> None:
+    name, main, more = SHORT[command]
+    words = (command, CONFIGS / f"{name}.yaml", "--no-plots", "--out", tmp_path)
+    short, whole = invoke(*words).out, invoke(*words, "-v").out
+    assert f"  {main} " in short and f"  {more} " not in short and f"results: {tmp_path}  (2 files;" in short
+    assert f"  {main} " in whole and f"  {more} " in whole and "(result.h5, summary.json)" in whole
+    assert len(short.splitlines()) < len(whole.splitlines())
+
+
+def test_joints_that_are_left_out_are_counted() -> None:
+    from robodyn_cli.cli.commands.inverse import describe
+
+    units = {"torque": "N m", "speed": "rad/s", "power": "W", "energy": "J"}
+    figures = dict.fromkeys(("peak_torque_time", "rms_torque", "peak_speed", "peak_power", "energy"), 1.0)
+    joints = {f"j{k}": {**figures, "peak_torque": float(k % 7), "units": units} for k in range(30)}
+    short = describe({"title": "", "joints": joints}, False)
+    assert "... and 18 joints with smaller torques" in short and "j6 " in short and "j7 " not in short
+    assert "j7 " in describe({"title": "", "joints": joints}, True)
 
 
 def test_where_there_is_no_terminal_a_line_a_minute_tells_how_far_it_is(

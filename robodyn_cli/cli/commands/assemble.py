@@ -54,7 +54,7 @@ def command(
     return run_scene(shared.job("assemble", scene, strict, changes), shared.console, describe)
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary of an assembly."""
     held = ", ".join(summary["held"]) or "none"
     lines = [
@@ -82,7 +82,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
     if summary["redundant_rows"]:
         lines.append(f"  redundant rows     {', '.join(summary['redundant_rows'])}")
-    lines += mobility_lines(summary)
+    lines += mobility_lines(summary) if verbose else []
     undriven: dict[str, int] = {}
     for part in summary.get("undriven", ()):
         joints = ", ".join(part["joints"])

@@ -156,7 +156,7 @@ def describe(report: CrosscheckReport) -> str:
     return "\n".join(lines)
 
 
-def describe_own(summary: Mapping[str, Any]) -> str:
+def describe_own(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return for the terminal how far an engine is off at its own settings."""
     ended, settings = summary["termination"], {"step": f"{summary['step']:g} s", **summary["settings"]}
     lines = [

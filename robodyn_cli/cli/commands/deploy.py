@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.latch_words import latch_lines, payload_lines
+from robodyn_cli.cli.latch_words import latch_lines, open_lines, payload_lines
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
     bound_text,
-    cost_line,
+    cost_lines,
     error_lines,
     extreme_lines,
     motorisation_lines,
@@ -19,22 +19,23 @@ from robodyn_cli.cli.words import (
 )
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary of a deployment."""
     lock = summary.get("lock")
     criteria = summary.get("criteria", {})
     lines = [f"{summary['title']}"]
     if "locks" in summary:
-        lines += _latches(summary)
+        lines += _latches(summary, verbose)
     elif lock:
         bound = bound_text(lock.get("time_error"))
         verb = "overload" if lock["kind"] == "overload" else "locked"
         lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
-        lines.append(f"  why                {summary['termination']['reason']}")
         angles = [f"{n} {round(x, 5) + 0.0:.5f} deg" for n, x in lock["angles_deg"].items()]
         lengths = [f"{n} {x:.6g}" for n, x in lock["angles"].items() if n not in lock["angles_deg"]]
-        lines.append(f"  configuration      {', '.join([*angles, *lengths])}")
-        if m := lock["multipliers"]:
+        if verbose:
+            lines.append(f"  why                {summary['termination']['reason']}")
+            lines.append(f"  configuration      {', '.join([*angles, *lengths])}")
+        if verbose and (m := lock["multipliers"]):
             last = "diverging" if m["diverge"] else f"{m['at_lock']:.6g} N at the last sample, finite"
             lines.append(f"  multipliers        {m['start']:.5g} N at the start, {last}")
         latch = lock.get("latch")
@@ -46,7 +47,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines += _after_lock(summary)
     else:
         lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
-    if growth := criteria.get("growth_times", {}):
+    if verbose and (growth := criteria.get("growth_times", {})):
         fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
         dead = criteria.get("dead_point")
         bound = bound_text(criteria["errors"].get("dead_point"))
@@ -57,14 +58,15 @@ def describe(summary: Mapping[str, Any]) -> str:
         *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
-        *error_lines(summary),
-        cost_line(summary),
+        *error_lines(summary, verbose),
+        *cost_lines(summary, verbose),
     ]
     return "\n".join(lines)
 
 
-def _latches(summary: Mapping[str, Any]) -> list[str]:
-    """Return lines about several latches: whether what was waited for is closed, what each did, which are open."""
+def _latches(summary: Mapping[str, Any], verbose: bool) -> list[str]:
+    """Return lines about several latches: whether what was waited for is closed, which are open, and what each did
+    where all is told or they did not lock."""
     status, termination = summary.get("status"), summary["termination"]
     verb = "locked" if status == "locked" else "no lock" if status == "no_lock" else str(status)
     end, why, lock = f"{number(termination.get('time'), 9)} s", termination["reason"], summary.get("lock")
@@ -72,7 +74,8 @@ def _latches(summary: Mapping[str, Any]) -> list[str]:
         later = "" if lock["time"] == termination["time"] else f"; the run ends at t = {end}"
         end, why = f"{number(lock['time'], 9)}{bound_text(lock.get('time_error'))} s", f"{why}{later}"
     lines = [f"  {verb:<18} t = {end}  ({why})"]
-    return [*lines, *latch_lines(summary), *_after_lock(summary)]
+    whole = verbose or status != "locked"
+    return [*lines, *(latch_lines(summary) if whole else open_lines(summary)), *_after_lock(summary)]
 
 
 def _after_lock(summary: Mapping[str, Any]) -> list[str]:

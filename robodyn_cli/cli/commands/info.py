@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, utf8
-from robodyn_cli.cli.runner import begun, output, placed, publish
+from robodyn_cli.cli.runner import begun, output, placed, publish, say_where
 from robodyn_cli.summaries.facts import LOAD
 
 EXAMPLES = (
@@ -49,7 +49,7 @@ def command(
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
     if shared.drawings is not None:
-        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+        say_where(directory, console)
     return 0
 
 

@@ -10,7 +10,7 @@ from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
-    cost_line,
+    cost_lines,
     drive_lines,
     error_text,
     figure_columns,
@@ -30,22 +30,30 @@ FIGURES = (
 )
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+HEADLINES = 3  # of these, where not all is told
+MOST_JOINTS = 12
+
+
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary of an inverse run."""
     lines = [f"{summary['title']}"]
     joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
     off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if joints:
         errors = dict.fromkeys(("peak_torque", "rms_torque"), off or 0.0)
-        columns = figure_columns(list(joints.values()), FIGURES, errors)
-        lines.append(table(list(zip(["joint", *joints], *columns))))
+        shown = list(joints) if verbose else _most_loaded(joints)
+        figures = FIGURES if verbose else FIGURES[:HEADLINES]
+        columns = figure_columns([joints[name] for name in shown], figures, errors)
+        lines.append(table(list(zip(["joint", *shown], *columns))))
+        if len(shown) < len(joints):
+            lines.append(f"  ... and {len(joints) - len(shown)} joints with smaller torques")
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
         ("attitude error", "attitude_residual", "rad"),
         ("round trip error", "round_trip", "relative, forward dynamics after inverse"),
     ):
         value = summary.get(key)
-        if isinstance(value, float) and math.isfinite(value):
+        if verbose and isinstance(value, float) and math.isfinite(value):
             lines.append(f"  {label:<18} {error_text(value)} {unit}")
     if off is not None:
         lines.append(f"  rounding           torques off by some {error_text(off)} N m or N")
@@ -54,8 +62,14 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines += motorisation_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)
-    lines.append(cost_line(summary))
+    lines += cost_lines(summary, verbose)
     return "\n".join(lines)
+
+
+def _most_loaded(joints: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the joints with the largest torques, in their own order."""
+    found = sorted(joints, key=lambda name: -abs(joints[name].get("peak_torque") or 0.0))[:MOST_JOINTS]
+    return [name for name in joints if name in found]
 
 
 def _fastest(summary: Mapping[str, Any]) -> list[str]:

@@ -35,7 +35,7 @@ POINT_FIGURES = (
 OFF = {"peak_speed": "velocity", "peak_acceleration": "acceleration"}
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary of a kinematic analysis."""
     lines = [
         f"{summary['title']}",
@@ -49,7 +49,7 @@ def describe(summary: Mapping[str, Any]) -> str:
                 table(list(zip([word, *found], *figure_columns(list(found.values()), figures, errors))))
             )
     lines += extreme_lines(summary)
-    lines += mobility_lines(summary)
+    lines += mobility_lines(summary) if verbose else []
     ratio = summary.get("singular_ratio")
     if ratio:
         lines.append(f"  nearest dead point ratio {ratio['smallest']:.3g} at t = {number(ratio['time'])} s")

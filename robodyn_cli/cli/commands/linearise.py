@@ -177,7 +177,7 @@ def _changes(path: Path, overrides: Sequence[str], state: Sequence[str]) -> list
     return changes_at(load_scene(path, list(overrides)), overrides, state)
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary for the terminal."""
     freedoms = summary["freedoms"]
     inputs, outputs = (", ".join(x["name"] for x in summary[key]) or "none" for key in ("inputs", "measured"))
@@ -187,10 +187,13 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines = [
         f"{summary['title']}",
         f"  linear model       {about}; {freedoms} degree{'s' if freedoms != 1 else ''} of freedom",
-        f"  states             {', '.join(x['name'] for x in summary['states'])}",
-        f"  inputs             {inputs}",
-        f"  outputs            {outputs}",
     ]
+    if verbose:
+        lines += [
+            f"  states             {', '.join(x['name'] for x in summary['states'])}",
+            f"  inputs             {inputs}",
+            f"  outputs            {outputs}",
+        ]
     lines += holding_lines(summary.get("holding_torques", {}), summary.get("units", {}))
     if "growth" in summary:
         growth = summary["growth"]

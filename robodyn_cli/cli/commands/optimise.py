@@ -173,7 +173,7 @@ def _limits(texts: Sequence[str]) -> dict[str, Expectation]:
     return limits
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary for the terminal."""
     effort = summary["search"]
     lines = [summary["title"], f"  goal               {summary['goal']}"]
@@ -203,7 +203,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
     lines.append(table(rows))
     lines.append(f"  proof              {summary['proof']['text']}")
-    if (other := summary["other"]) is not None:
+    if verbose and (other := summary["other"]) is not None:
         values = ", ".join(f"{key} = {shown(x)}" for key, x in other["values"].items())
         reaches = any("met" in found for found in summary["figures"].values())
         goal = f"{shown(other['goal'])}{' tolerances off the targets' if reaches else ''}"

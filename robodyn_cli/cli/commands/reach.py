@@ -62,7 +62,7 @@ def command(
         raise
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary for the terminal."""
     branch = summary.get("branch")
     how = f"in closed form, branch {branch}" if branch else "by damped steps"
@@ -76,7 +76,10 @@ def describe(summary: Mapping[str, Any]) -> str:
     if summary["freedom"]:
         lines.append(f"  freedom left       {summary['freedom']}: there are infinitely many ways")
     listed = summary.get("branches") or []
-    if listed:
+    if listed and not verbose:
+        reached = sum(facts["reached"] for facts in listed)
+        lines.append(f"  branches           {reached} of {len(listed)} reach the pose; -v lists them")
+    if listed and verbose:
         rows = [["branch", *listed[0]["configuration"], "reached", "within limits"]]
         for facts in listed:
             name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
@@ -84,8 +87,8 @@ def describe(summary: Mapping[str, Any]) -> str:
             within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
             rows.append([name, *q, "yes" if facts["reached"] else "no", within])
         lines.append(table(rows))
-        if not branch:
-            lines.append("  that there are no other ways is not proved")
+    if listed and not branch:
+        lines.append("  that there are no other ways is not proved")
     return "\n".join(lines)
 
 

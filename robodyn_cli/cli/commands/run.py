@@ -135,6 +135,9 @@ def _tell(entry: BatchEntry, widths: tuple[int, int], console: Console) -> None:
     console.say(
         f"{entry.verdict:<7} {entry.name:<{widths[0]}}  {entry.command or '-':<{widths[1]}} {time_taken:>9}"
     )
+    if console.verbose:
+        for criterion in entry.criteria:
+            console.say(f"        {'ok' if criterion.holds else 'failed':<7} {criterion}")
     for problem in entry.problems if entry.verdict != "ok" else entry.differences:
         console.say(f"        {problem}")
     if console.quiet and entry.verdict in ("error", "failed"):

@@ -60,7 +60,7 @@ def command(
     return 0
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary for the terminal."""
     lines = [summary["title"], f"  sensitivities      of {summary['of']}, {summary['seconds']:.3g} s"]
     reasons: dict[str, list[str]] = {}

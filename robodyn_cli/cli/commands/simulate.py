@@ -11,7 +11,7 @@ from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFil
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
-    cost_line,
+    cost_lines,
     drive_lines,
     error_lines,
     extreme_lines,
@@ -24,32 +24,33 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary of a simulation."""
-    tolerances = ", ".join(f"{k} {v:.4g}" for k, v in summary.get("tolerances", {}).items())
+    given = ", ".join(f"{k} {v:.4g}" for k, v in summary.get("tolerances", {}).items())
+    tolerances = f" ({given})" if verbose else ""
     lines = [
         f"{summary['title']}",
         f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "
-        f"{summary['integrator']} ({tolerances})",
-        *error_lines(summary),
-        *_of_controller(summary),
+        f"{summary['integrator']}{tolerances}",
+        *error_lines(summary, verbose),
+        *_of_controller(summary, verbose),
         *drive_lines(summary),
         *_happenings(summary),
         *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
-        cost_line(summary),
+        *cost_lines(summary, verbose),
     ]
     return "\n".join(lines)
 
 
-def _of_controller(summary: Mapping[str, Any]) -> list[str]:
+def _of_controller(summary: Mapping[str, Any], verbose: bool) -> list[str]:
     """Return lines about the controller, where there is one."""
     if "control" not in summary:
         return []
     from robodyn_cli.cli.control_words import control_lines, response_lines
 
-    return [*control_lines(summary["control"]), *response_lines(summary)]
+    return [*control_lines(summary["control"], verbose), *response_lines(summary)]
 
 
 def _happenings(summary: Mapping[str, Any]) -> list[str]:

@@ -9,7 +9,7 @@ import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, number
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, margin_text, table
+from robodyn_cli.cli.words import cost_lines, drive_lines, margin_text, table
 from robodyn_cli.cli.words import number as digits
 from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.registry import motor_types
@@ -17,7 +17,7 @@ from robodyn_cli.motors.registry import motor_types
 BY = ("cost", "mass")
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return what was found: how much there was to choose from, the drives, and how to write them into the scene."""
     sized = summary["size"]
     rows = [["joint", "combinations", "bear it", "best margin", "of limit"]]
@@ -36,13 +36,13 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(
         [
             f"{summary['title']}",
-            table(rows),
+            *([table(rows)] if verbose else []),
             *drive_lines(summary),
             f"  all drives         {total}; {sized['sweeps']} sweeps over the joints",
             *_remarks(sized["joints"], drives),
             f"  in the scene       drives:{'' if enough else '  # not enough'}",
             *written,
-            cost_line(summary),
+            *cost_lines(summary, verbose),
         ]
     )
 

@@ -91,18 +91,18 @@ def small_error(x: Any) -> str:
     return small(None if x is None else rounded_up(x))
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the report for the terminal."""
     wrong = [
         f"  {m['method']}: {m['message']}"
         for m in summary["methods"]
         if m["message"] and m["status"] != "stable"
     ]
-    lines = [*_reference_lines(summary), table(_method_rows(summary)), *wrong, *_gain_lines(summary)]
+    lines = [*_reference_lines(summary, verbose), table(_method_rows(summary)), *wrong, *_gain_lines(summary)]
     return "\n".join([str(summary["title"]), *lines])
 
 
-def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
+def _reference_lines(summary: Mapping[str, Any], verbose: bool) -> list[str]:
     """Return lines about the reference and the linearised motion."""
     lines = []
     ref, spectrum = summary["reference"], summary["spectrum"]
@@ -115,7 +115,7 @@ def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
         )
         if ref["ends_early"]:
             lines.append(f"  the motion ends    {ref['ends_early']}")
-    if spectrum is not None:
+    if verbose and spectrum is not None:
         lines.append(
             f"  spectrum           stiffness ratio up to {spectrum['stiffness_ratio']:.3g}; fastest decay "
             f"{spectrum['fastest_decay']:.3g} 1/s, oscillation {spectrum['fastest_oscillation']:.3g} rad/s, growth "
@@ -185,7 +185,7 @@ def _energy(energy: Mapping[str, Any] | None, period: float) -> str:
     return small_error(energy["largest_relative"]) + cut
 
 
-def describe_suite(summary: Mapping[str, Any]) -> str:
+def describe_suite(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the suite's verdicts for the terminal."""
     names = summary["methods"]
     rows = [["case", "verdict", *names]]

@@ -18,7 +18,7 @@ from robodyn_cli.cli.words import (
 from robodyn_cli.summaries.facts import LOAD, OWN
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the summary of a static analysis."""
     facts = summary["equilibrium"]
     lines = [f"{summary['title']}"]
@@ -35,12 +35,12 @@ def describe(summary: Mapping[str, Any]) -> str:
     columns = [("position", summary["configuration"], OWN, 9), loads]
     lines.append(coordinate_table(summary["units"], columns))
     multipliers = summary.get("multipliers")
-    if multipliers:
+    if verbose and multipliers:
         listed = ", ".join(f"{k} {number(x)}" for k, x in multipliers.items())
         lines.append(f"  multipliers        {listed} (N or N m)")
     lines += multiplier_lines(summary)
     lines.append(f"  residual           {error_text(facts['residual'])} N m or N")
-    lines += mobility_lines(summary)
+    lines += mobility_lines(summary) if verbose else []
     return "\n".join(lines)
 
 

@@ -104,7 +104,7 @@ def command(
             maker = _maker(scheduler, jobs or cores(), console, study.seconds)
             result = _run(study, directory, maker, console, shared.drawings)
     judged = options.least_yield is not None
-    show(result, directory, console, lambda summary: describe(summary, judged))
+    show(result, directory, console, lambda summary, verbose: describe(summary, judged, verbose))
     return _judge(result.summary, options.least_yield, console)
 
 
@@ -198,7 +198,7 @@ def _judge(summary: Mapping[str, Any], least: float | None, console: Console) ->
     return FAILED
 
 
-def describe(summary: Mapping[str, Any], judged: bool) -> str:
+def describe(summary: Mapping[str, Any], judged: bool, verbose: bool = True) -> str:
     """Return the summary of a study for the terminal; judged : whether it asks for a yield."""
     lines = [summary["title"]]
     drawn = ""
@@ -217,8 +217,10 @@ def describe(summary: Mapping[str, Any], judged: bool) -> str:
     if judged and (held := summary.get("yield")) is not None:
         lines.append(f"  yield              {_share(held)} hold what the scene expects")
     lines += _spreads(summary)
-    lines += _influences(summary)
+    lines += _influences(summary) if verbose else []
     for case in summary["cases"][:MOST_CASES]:
+        if not (verbose or "exit code" in case["why"]):
+            continue
         lines += [f"  run {case['run']}: {case['why']}", f"    {case['command']}"]
     return "\n".join(lines)
 

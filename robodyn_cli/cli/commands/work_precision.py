@@ -97,7 +97,7 @@ def as_csv(runs: list[Mapping[str, Any]]) -> str:
     return stream.getvalue()
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     """Return the best method at each error level, for the terminal."""
     until, lock = summary["compared_until"], summary.get("lock_time")
     extent = f"up to t = {until:.4g} s" if lock is None else "about the time of the lock"
