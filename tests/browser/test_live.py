@@ -16,7 +16,7 @@ from robodyn_cli.works.deploy.deploy import deploy
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.kinematics import kinematics
 from robodyn_cli.works.simulate import simulate
-from tests.browser.conftest import Opener
+from tests.browser.conftest import Opener, barriers
 from tests.mechanisms import CONFIGS
 
 MASS, ANGLE = ("robot.links.crank.mass", "5", "60"), ("initial.q.theta1", "0.5 deg", "17 deg")
@@ -156,7 +156,9 @@ def test_a_loop_closes_for_other_lengths(tmp_path: Path, opened: Opener) -> None
 
 def test_a_phone_in_the_dark_by_keys_alone(live_page: Path, opened: Opener) -> None:
     """Every control has its turn, in the order in which it stands, and nothing is wider than the screen."""
-    page = running(opened, live_page, viewport={"width": 360, "height": 740}, color_scheme="dark")
+    page = running(
+        opened, live_page, viewport={"width": 360, "height": 740}, color_scheme="dark", bypass_csp=True
+    )
     page.locator(".live input[type=range]").first.focus()
     kinds = []
     for _ in range(11):
@@ -174,6 +176,7 @@ def test_a_phone_in_the_dark_by_keys_alone(live_page: Path, opened: Opener) -> N
     page.locator(".live .copy").press("Enter")
     assert page.locator(".live .settings").inner_text() == "--set robot.links.crank.mass=33"
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    assert barriers(page) == []
 
 
 def test_values_that_a_page_leaves_to_the_command_are_told(live_page: Path, opened: Opener) -> None:

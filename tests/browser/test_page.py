@@ -16,8 +16,8 @@ from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.inverse import inverse
-from tests.browser.conftest import Opener
-from tests.unit.synthetic_results import four_bar_result
+from tests.browser.conftest import Opener, barriers
+from tests.unit.synthetic_results import four_bar_result, inverse_result
 from tests.unit.test_shapes import ball, stl_bytes
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -162,7 +162,7 @@ def test_hand_wheel_and_keys_turn_and_zoom(planar: tuple[Result, Path], opened: 
     page.mouse.up()
     assert camera(page)[0] == "false"
     assert np.abs(ends_of(page, "crank") - before).max() > 0.02
-    page.get_by_role("button", name="View as at first").click()
+    page.get_by_role("button", name="reset the view").click()
     assert camera(page) == ("true", pytest.approx(scale))
     page.locator(".scene").focus()
     page.keyboard.press("+")
@@ -244,7 +244,7 @@ def test_two_fingers_zoom_on_a_phone(planar: tuple[Result, Path], opened: Opener
 def test_a_phone_needs_no_scrolling_to_the_side(arm: tuple[Result, Path], opened: Opener) -> None:
     page = opened(arm[1], viewport={"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    for name in ("Play", "View as at first"):
+    for name in ("Play", "reset the view"):
         box = page.get_by_role("button", name=name).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= 390 and box["height"] >= 30
     plot = page.locator(".chart").first
@@ -415,7 +415,7 @@ def test_zeros_errors_and_what_is_lost_are_seen_on_the_page(tmp_path: Path, open
     write_page([Shown("deploy", result)], tmp_path / "lost.html")
     page = opened(tmp_path / "lost.html")
     for title in ("Joint angles", "Multipliers"):
-        plot = page.locator("figure.plot", has=page.locator(f"h3:text-is('{title}')"))
+        plot = page.locator("figure.plot", has=page.locator(f"h2:text-is('{title}')"))
         plot.scroll_into_view_if_needed()
         plot.locator(".chart .frame").first.wait_for()
         assert plot.locator(".chart pattern").count() >= 1
@@ -455,3 +455,18 @@ def test_results_are_compared_filtered_and_laid_over_one_another(tmp_path: Path,
     assert page.locator(".overlay .legend button").all_inner_texts() == [" Run 0", " Run 2"]
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1100), ("dark", 390)])
+def test_nothing_keeps_anybody_out(scheme: str, width: int, tmp_path: Path, opened: Opener) -> None:
+    """Names, contrasts, headings and keys of one result and of several, as axe judges them."""
+    torques, study = inverse_result(60), Result("sweep", "a study", "ok", "schema: 1\n")
+    torques.variables.pop("q")
+    study.summary = {"status": "ok", "points": [{"mass": 1.0, "peak": 2.0}]}
+    several = [Shown("deploy", four_bar()), Shown("inverse", torques), Shown("sweep", study)]
+    for name, shown in (("one", several[:1]), ("three", several)):
+        target = tmp_path / f"{name}.html"
+        write_page(shown, target)
+        view = {"width": width, "height": 900}
+        page = opened(target, color_scheme=scheme, viewport=view, bypass_csp=True)
+        assert barriers(page) == [], name

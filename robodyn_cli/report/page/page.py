@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -82,13 +83,21 @@ def section(place: int, shown: Shown, store: Store, among: int | None) -> Html:
     ]
     if shown.plan is not None and whole:
         parts += [element("h3", "Plan"), tables.plan_tables(shown.plan)]
-    scene = element("summary", "the scene as it was run"), element("pre", result.scene_text)
+    scene = element("summary", "the scene as it was run"), element("pre", result.scene_text, tabindex="0")
     parts += [
         element("h3", "Scene"),
         tables.provenance_table(result.summary, result.attributes),
         element("details", *scene, class_="scene-text"),
     ]
-    return element("section", parts, id=f"result-{place}", data_result=True)
+    if among is None:
+        parts = [_raised(markup(parts))]
+    alone = "alone" if among is None else None
+    return element("section", parts, id=f"result-{place}", class_=alone, data_result=True)
+
+
+def _raised(content: Html) -> Html:
+    """Return a part of a page with headings a level higher, below that of the page alone; texts are escaped."""
+    return Html(re.sub(r"<(/?)h3>", r"<\1h2>", content))
 
 
 def _summary(result: Result, whole: bool) -> Html:
@@ -217,7 +226,7 @@ def _controls(data: Mapping[str, Any]) -> Html:
     ]
     looks = [
         element("select", views, class_="view", aria_label="View") if len(views) > 1 else None,
-        element("button", "reset", class_="reset", type="button", aria_label="View as at first"),
+        element("button", "reset", class_="reset", type="button", aria_label="reset the view"),
         element("button", "full screen", class_="full", type="button", hidden=True),
         boxes,
     ]

@@ -163,6 +163,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | Non
         right = [any(_is_plain_number(row[k]) for row in rows if k < len(row)) for k in range(len(head))]
         names = [
             element("th", name, scope="col", class_="number" if k and right[k] else None)
+            if name
+            else element("td")
             for k, name in enumerate(head)
         ]
         top.append(element("thead", element("tr", names)))
