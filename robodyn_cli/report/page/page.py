@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -90,14 +89,9 @@ def section(place: int, shown: Shown, store: Store, among: int | None) -> Html:
         element("details", *scene, class_="scene-text"),
     ]
     if among is None:
-        parts = [_raised(markup(parts))]
+        parts = [tables.raised(markup(parts))]
     alone = "alone" if among is None else None
     return element("section", parts, id=f"result-{place}", class_=alone, data_result=True)
-
-
-def _raised(content: Html) -> Html:
-    """Return a part of a page with headings a level higher, below that of the page alone; texts are escaped."""
-    return Html(re.sub(r"<(/?)h3>", r"<\1h2>", content))
 
 
 def _summary(result: Result, whole: bool) -> Html:

@@ -56,6 +56,11 @@ def element(name: str, /, *content: Any, **attributes: Any) -> Html:
     return Html(start) if name in VOID else Html(f"{start}{markup(content)}</{name}>")
 
 
+def raised(content: Html) -> Html:
+    """Return a part of a page with headings a level higher, below that of the page alone; texts are escaped."""
+    return Html(re.sub(r"<(/?)h3>", r"<\1h2>", content))
+
+
 def json_block(data: Any, identifier: str) -> Html:
     """Return data as a block of JSON in which no text can end the block."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
