@@ -190,7 +190,7 @@ def size(
     scene: _Scene,
     *,
     by: str = 'cost',
-    margin: float | None = None,
+    margin: float | str | None = None,
     types: _Words | None = None,
     thorough: bool = False,
     out: _Path | None = None,

@@ -297,6 +297,12 @@ STUDY = (
     Entry("errors/KEY", ("run",), "that of the output", "its estimated error; nan where the run tells none"),
     Entry("runs/exit_code", ("run",), "1", "exit code of each run"),
     Entry(
+        "runs/series",
+        ("run",),
+        "1",
+        "order of the Taylor series that made a run side by side with others; 0: the method that the command takes did",
+    ),
+    Entry(
         "runs/holds", ("run",), "1", "1 where all that the scene expects holds; of a search its constraints"
     ),
     Entry(

@@ -133,6 +133,11 @@ class StudySummary:
         "with `--indices`, by output and key; `null` where a run failed", names=(OUTPUT, ANY)
     )
     seconds: float = fact("wall time of the runs", "s")
+    series: dict[str, int] | Absent = fact(
+        "number of runs that a Taylor series made side by side, by its name; all others were made by the method that "
+        "the command takes by itself",
+        names=ANY, default=ABSENT,
+    )  # fmt: skip
     yield_: Share | Absent = fact("share of runs that hold all that the scene expects", default=ABSENT)
     least_yield: float | Absent = fact("share that `--yield` asks for", default=ABSENT)
 

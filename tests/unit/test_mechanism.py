@@ -362,7 +362,7 @@ def test_stiff_runs_choose_their_method_one_by_one() -> None:
         SWITCHING.replace("sign(qd.swing)", "qd.swing").replace("0.1*", "1.0*").replace("1.5,", "3,")
     )
     values = {"parameters.dry": np.array([0.1, 3e4])}
-    found = Mechanism(scene, list(values)).simulate_many(values)
+    found = Mechanism(scene, list(values)).simulate_many(values, of=["counters.steps"])
     assert found.ok.all() and not found.one_by_one.any(), found.reason
     singles = [simulate(own_scene(scene, values, run)) for run in range(2)]
     assert singles[0].summary["integrator"] != singles[1].summary["integrator"]

@@ -283,7 +283,11 @@ def test_the_outputs_of_each_run_are_those_of_the_command_alone(fall: Path, tmp_
         [sys.executable, "-m", "robodyn_cli", *summary["cases"][0]["command"].split()[1:], "--json", "--no-plots",
          "--out", str(tmp_path / "one")], capture_output=True, check=True)  # fmt: skip
     run = summary["cases"][0]["run"]
-    assert json.loads(one.stdout)["final"]["q"]["z"] == result["outputs/final.q.z"][run]
+    alone = json.loads(
+        one.stdout
+    )  # the runs of the study have a method of their own: the sum of the errors is between
+    apart = alone["final"]["q"]["z"] - result["outputs/final.q.z"][run]
+    assert abs(apart) <= alone["error_estimate"]["q_end"] + result["errors/final.q.z"][run] < 1e-9
     with xarray.open_datatree(out / "result.h5", engine="h5netcdf") as tree:
         assert tree["outputs"]["final.q.z"].dims == ("run",)
 

@@ -211,6 +211,10 @@ def describe(summary: Mapping[str, Any], judged: bool, verbose: bool = True) -> 
     for key, given in summary["inputs"].items():
         unit = f" {given['unit']}" if given["unit"] not in ("", "1") else ""
         lines.append(f"  varied             {key}: {given['spec']}{unit}")
+    for name, count in summary.get("series", {}).items():
+        lines.append(
+            f"  integrator         {name} of {count} runs side by side, as accurate as that of {summary['of']}"
+        )
     failed = summary["failed"]
     codes = ", ".join(f"{count} with exit code {code}" for code, count in summary["failures"].items())
     lines.append(f"  failed             {_share(failed)}" + (f"; {codes}" if codes else ""))

@@ -6,6 +6,7 @@ they leave is judged at its end by the defect of the series there, v-dot(t + h) 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from robodyn_cli.formulations.system import System
@@ -20,6 +21,10 @@ from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
 from robodyn_cli.kernels.series.jets import Jets
 
 MOST = 256  # operations of the equations: at order 16 these take four seconds to compile
+# times the last two coefficients are below the tolerance at a step's end: errors are those of the other methods of high
+# order at this tolerance, and hardly a step is tried again
+BELOW = 30.0
+ACCEPTED = 0.05  # of the tolerance, that a step may leave: some 30 times what it leaves where nothing kinks
 Coefficients = list["list[Value | None]"]
 
 
@@ -59,17 +64,20 @@ class TaylorStepper(Stepper[Coefficients]):
         self.weights: list[Value] = []
         self.integrated = range(w.system.nq, w.system.size)
         self.control = StepController(
-            method.order + 1.0, safety=0.9, floor=1e-10, least=0.2, most=8.0, accept=0.5
+            method.order + 1.0, safety=0.9, floor=1e-10, least=0.2, most=8.0, accept=ACCEPTED
         )
 
     def begin(self, t: Value) -> Value | None:
-        """Emit the coefficients; return the step at whose end the last two are as large as the tolerance."""
+        """Emit the coefficients; return the step at whose end the last two are so far below the tolerance."""
         f, w, order = self.f, self.w, self.method.order
         self.coefficients = self._jets(t)
         with f.strict():
             self.weights = [1.0 / tolerance(w, f.abs(w.state[c])) for c in self.integrated]
             last = [
-                rough_log2(f, self._square([self.coefficients[c][n] for c in self.integrated]) + 1e-300)
+                (
+                    rough_log2(f, self._square([self.coefficients[c][n] for c in self.integrated]) + 1e-300)
+                    + 2.0 * math.log2(BELOW)
+                )
                 * (-0.5 / n)
                 for n in (order, order - 1)
             ]

@@ -35,13 +35,16 @@ ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 class Engine:
     """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
-    interpreted : whether long programs are interpreted; they may be at first unless that is not wanted. tables : of
-    numbers that the code reads. addresses : of ``run_to_event``, ``trial_step``, ``close_latch`` and of what all take.
-    memory : of the run, its copy from before the step with an event. p : parameters. out : block of samples. bracket :
-    see ``locate_event_function``.
+    interpreted : whether long programs are interpreted; they may be at first unless that is not wanted. loaded :
+    whether the code is there at once, and not only after ``load``. tables : of numbers that the code reads.
+    addresses : of ``run_to_event``, ``trial_step``, ``close_latch`` and of what all take. memory : of the run, its
+    copy from before the step with an event. p : parameters. out : block of samples. bracket : see
+    ``locate_event_function``.
     """
 
-    def __init__(self, system: System, method: str, p: Array, interpreted: bool = True) -> None:
+    def __init__(
+        self, system: System, method: str, p: Array, interpreted: bool = True, loaded: bool = True
+    ) -> None:
         self._system, self._name, self._method = system, method, methods[method]
         self.p = p
         self.memory = Memory(system, self._method.dense_size(system))
@@ -62,7 +65,15 @@ class Engine:
             self.updates = UpdateMemory(system.updates, len(system.q_places), len(system.v_places))
         operations = sum(program.operations for program in self.tables.programs)
         self._patience = max(PATIENCE, int(STEPS_PER_OPERATION * operations))
-        self._load(interpreted=interpreted and operations > MANY and not system.dynamics.any_size)
+        self.interpreted = interpreted and operations > MANY and not system.dynamics.any_size
+        self.addresses = 0, 0, 0, self._at
+        if loaded:
+            self.load()
+
+    def load(self) -> None:
+        """Provide the code, where it is not there."""
+        if not self.addresses[0]:
+            self._load(self.interpreted)
 
     def patience(self, taken: int, most: int) -> int:
         """Return up to how many steps to run, ``most`` or fewer, when so many are taken; a long run is compiled.

@@ -144,12 +144,12 @@ class Fleet:
         self.watch = watch and bool(system.events)
         self.passing = sum(1 << k for k in passing if k < MOST_FUNCTIONS)
         self._p = p
+        host, kind = machine(), methods[method]
+        self.lanes = host.lanes if suits(system, kind) else 1
         self._engines = [self._engine()]
         self.stretches = np.array(list(stretches(system.breakpoints, 0.0, math.inf)))
         self._clear = np.zeros_like(self._engines[0].memory.block)
         self._many = _callable(compile_module("many runs", write_many))
-        host, kind = machine(), methods[method]
-        self.lanes = host.lanes if suits(system, kind) else 1
         if self.lanes > 1:
             self._in_lanes = _callable(
                 compile_module(
@@ -159,11 +159,13 @@ class Fleet:
             )
 
     def _engine(self) -> Engine:
-        return Engine(self.system, self.method, self._p.copy(), interpreted=False)
+        # the code of single runs is loaded where lanes cannot make them: as much to compile as that of lanes
+        return Engine(self.system, self.method, self._p.copy(), interpreted=False, loaded=self.lanes == 1)
 
     @property
     def engine(self) -> Engine:
         """The code and the memory of one run."""
+        self._engines[0].load()
         return self._engines[0]
 
     @property
@@ -247,7 +249,9 @@ class Fleet:
             runs.out[:, :, k] = runs.y
             counts += runs.n[:, COUNTED]
             status = np.where(status == Status.DONE, runs.status, status)
-        runs.n[:, COUNTED], runs.status[:] = counts, status
+        # a step may end a stretch and be one too many
+        many = (status == Status.DONE) & (counts[:, 0] + counts[:, 1] > most)
+        runs.n[:, COUNTED], runs.status[:] = counts, np.where(many, int(Status.MAX_STEPS), status)
 
     def _drive(self, runs: Runs, threads: int, lanes: int) -> None:
         many, most = (self._many, CHUNK) if lanes == 1 else (self._in_lanes, PER_LANE * lanes)
@@ -256,6 +260,9 @@ class Fleet:
         crew_size = min(threads, len(chunks))
         while len(self._engines) < crew_size:
             self._engines.append(self._engine())
+        if lanes == 1:
+            for engine in self._engines[:crew_size]:
+                engine.load()
         stop = np.zeros(1, dtype=np.int64)
         job = self._job(runs, stop)
         workers = [_Worker(engine, many, job, chunks) for engine in self._engines[:crew_size]]

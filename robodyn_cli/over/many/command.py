@@ -92,8 +92,10 @@ class ManyRuns:
     where it ended [s], with its estimated error where an event ended it. q, qd : positions (N, nq) and rates (N, nv)
     there [rad or m, 1/s of these], columns as in ``q_names`` and ``qd_names``. q_error, qd_error : their estimated
     errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
-    one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s], positions (N, M, nq) and
-    rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv) too.
+    series : order of the Taylor series that made a run side by side with others, 0 where it was the method that the
+    command itself takes. one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s],
+    positions (N, M, nq) and rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv)
+    too.
     left : why runs were left to the command, and how many.
 
     What a run does not have is nan.
@@ -112,6 +114,7 @@ class ManyRuns:
     q_error: Array
     qd_error: Array
     steps: NDArray[np.int64]
+    series: NDArray[np.int64]
     one_by_one: NDArray[np.bool_]
     outputs: dict[str, Array]
     errors: dict[str, Array]
@@ -170,7 +173,7 @@ class ManyRuns:
         return ManyRuns(
             tuple(keys), values, tuple(names[0]), tuple(names[1]),
             np.full(count, -1), [""] * count, nothing(), nothing(), nothing(nq), nothing(nv), nothing(nq), nothing(nv),
-            np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool),
+            np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool),
             {key: nothing() for key in of}, {key: nothing() for key in of}, grid if samples else {},
         )  # fmt: skip
 

@@ -34,6 +34,7 @@ from robodyn_cli.spatial.algebra import Array
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
 FINER_SAMPLES = 4000, 32000  # of a run, between which Psi is followed
 LOOKED_AT = 2 * FEW  # samples of a run by which its energy is judged: not by steps in lanes, which end at few
+SERIES_STEPS = 3  # of a Taylor series, about, go the way of one of the default method
 CURVED = 1.5  # times the distance of two samples of Psi is at least the way between them
 
 
@@ -168,12 +169,14 @@ class Driven:
         return dataclasses.replace(self, trusted=trusted, figures={**self.figures, **more})
 
 
-def method_of(batch: RunBatch) -> NDArray[np.str_]:
-    """Return the method of each run: what the scene asks for, or what ``choose`` would take."""
+def method_of(batch: RunBatch) -> tuple[NDArray[np.str_], Masks]:
+    """Return the method of each run: what the scene asks for, or what ``choose`` would take; and which runs are surely
+    not stiff."""
     choice, count = batch.structure.motion.choice, len(batch.values)
     methods = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
+    calm = np.ones(count, dtype=bool)
     if not choice.may_change:
-        return methods
+        return methods, calm
 
     def cost(method: str, rows: NDArray[np.int64], trials: Array) -> Array:
         limits = FleetLimits(steps=np.full(len(rows), MOST))
@@ -185,7 +188,8 @@ def method_of(batch: RunBatch) -> NDArray[np.str_]:
 
     rows, _, slow, fast = compare(decays_of(batch), batch.ends, cost)
     methods[rows[fast < slow]] = STIFF
-    return methods
+    calm[rows] = False
+    return methods, calm
 
 
 def decays_of(batch: RunBatch) -> Array:
@@ -204,7 +208,7 @@ def first_run(batch: RunBatch, method: str, sampling: Sampling = NO_SAMPLES) -> 
     most = np.full(len(batch.values), batch.options.max_steps)
     if motion.choice.may_change:
         # more steps: ``StiffnessWatch`` would think about another method
-        most = np.minimum(most, FIRST_LOOK + WORTH)
+        most = np.minimum(most, (FIRST_LOOK + WORTH) * (1 if method in (DEFAULT, STIFF) else SERIES_STEPS))
     return batch.drive(method, batch.options, FleetLimits(steps=most), sampling)
 
 

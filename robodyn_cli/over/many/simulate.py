@@ -13,10 +13,12 @@ import numpy as np
 
 from robodyn_cli.errors import OF_STATUS
 from robodyn_cli.formulations.events import EventKind
-from robodyn_cli.integrators.runtime.fleet import Runs
+from robodyn_cli.integration_methods import DEFAULT, METHODS
+from robodyn_cli.integrators.runtime.fleet import FEW, Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Location, Status
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
+from robodyn_cli.motion.method import series_beside
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
 from robodyn_cli.over.many.command import STATUS, AskedRuns, BatchCommand, ManyRuns, Rows, number_of
@@ -82,6 +84,11 @@ class MotionCommand(BatchCommand[Structure]):
         """Return why runs of a motion are made one by one, beside what holds for all commands; nothing if not."""
         return ""
 
+    def series(self, motion: Motion, asked: AskedRuns) -> str:
+        """Return the Taylor series that makes runs side by side in place of the method of the command; nothing where
+        none does. What it leaves is made by that."""
+        return ""
+
     @abstractmethod
     def gives(self, key: str) -> bool:
         """Tell whether ``output`` gives this key of the summary."""
@@ -113,12 +120,16 @@ class MotionCommand(BatchCommand[Structure]):
             return rows.tolist()  # a controller may hold where joints start
         own_q, own_qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
         batch = RunBatch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
-        methods = method_of(batch)
-        left: list[int] = []
-        for method in dict.fromkeys(methods.tolist()):
-            chosen = np.flatnonzero(methods == method)
-            part = batch if len(chosen) == len(rows) else batch.part(chosen)
-            left += self._make(part, method, rows[chosen], asked)
+        methods, calm = method_of(batch)
+        waiting, left = np.ones(len(rows), dtype=bool), list[int]()
+        if series := self.series(structure.motion, asked):
+            here = np.flatnonzero(calm & (methods == DEFAULT))
+            own = rows[here]
+            waiting[here] = np.isin(own, self._make(batch.part(here), series, own, asked))
+            asked.result.series[own[~waiting[here]]] = METHODS[series].order
+        for method in dict.fromkeys(methods[waiting].tolist()):
+            chosen = np.flatnonzero(waiting & (methods == method))
+            left += self._make(batch.part(chosen), method, rows[chosen], asked)
         return left
 
     def _make(self, batch: RunBatch, method: str, rows: Rows, asked: AskedRuns) -> list[int]:
@@ -217,6 +228,12 @@ class Simulate(MotionCommand):
 
     def build(self, scene: Scene) -> Motion:
         return build_motion(integrable(scene))
+
+    def series(self, motion: Motion, asked: AskedRuns) -> str:
+        # steps in lanes end at few samples, and are others than those that counters tell of
+        plain = (*TOLERANCES, *ERRORS, *ENDS)
+        at_end = all(key in plain or key.startswith(FINAL) for key in asked.result.outputs)
+        return series_beside(motion.scene, motion.system) if at_end and asked.samples <= FEW else ""
 
     def gives(self, key: str) -> bool:
         return key == "termination.time"

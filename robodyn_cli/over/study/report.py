@@ -65,6 +65,7 @@ def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) ->
         failed=findings.share(findings.failed),
         cases=findings.cases(),
         influence=findings.influences(),
+        series={f"taylor{order}": count for order, count in sorted(findings.orders.items())} or ABSENT,
         sobol_indices=findings.sobol_indices() if study.design.indices else ABSENT,
         seconds=seconds,
         yield_=findings.share(findings.held) if study.scene.expect else ABSENT,
@@ -87,6 +88,7 @@ def _store(study: Study, first: int, rows: NDArray[Any], writer: ResultWriter) -
         writer.append(
             f"errors/{key}", rows["errors"][:, k], units=unit, long_name=f"estimated error of {key}"
         )
+    writer.append("runs/series", rows["series"])
     writer.append("runs/exit_code", rows["code"])
     writer.append("runs/holds", rows["holds"])
 
@@ -94,21 +96,23 @@ def _store(study: Study, first: int, rows: NDArray[Any], writer: ResultWriter) -
 class StudyFindings:
     """What the rows of a study say together.
 
-    failures : numbers of runs by exit code. failed, held : how many of those that count (``Design.counted``) failed,
-    and hold what the scene expects. sample : the rows of ``MOST``
-    runs at most, from which influences are told.
+    failures, orders : numbers of runs by exit code, by order of the Taylor series that made them. failed, held : how
+    many of those that count (``Design.counted``) failed, and hold what the scene expects. sample : the rows of
+    ``MOST`` runs at most, from which influences are told.
     """
 
     def __init__(self, study: Study, file: RowFile) -> None:
         self.study, self._file = study, file
         self.sampled = study.asked.options.n is not None
         self.failures: Counter[int] = Counter()
+        self.orders: Counter[int] = Counter()
         self.failed = self.held = 0
         self._moments = [Moments() for _ in study.task.outputs]
         chosen, parts = strata(len(file), MOST), []
         for first, rows in file.blocks():
-            codes, counts = np.unique(rows["code"], return_counts=True)
-            self.failures.update({int(c): int(n) for c, n in zip(codes, counts) if c})
+            for name, found in (("code", self.failures), ("series", self.orders)):
+                numbers, counts = np.unique(rows[name], return_counts=True)
+                found.update({int(c): int(n) for c, n in zip(numbers, counts) if c})
             own = max(0, study.design.counted - first)  # of this block, the first ones
             self.failed += int(np.count_nonzero(rows["code"][:own]))
             self.held += int(np.count_nonzero(rows["holds"][:own]))
@@ -194,4 +198,5 @@ def earlier_rows(study: Study, directory: Path) -> NDArray[Any] | None:
     for k, key in enumerate(task.outputs):
         rows["outputs"][:, k], rows["errors"][:, k] = result[f"outputs/{key}"], result[f"errors/{key}"]
     rows["code"], rows["holds"], rows["done"] = result["runs/exit_code"], result["runs/holds"], True
+    rows["series"] = result["runs/series"]
     return rows

@@ -42,13 +42,13 @@ class Task:
     def layout(self) -> np.dtype[Any]:
         """What is kept of a run.
 
-        values : of the keys. outputs, errors : numbers, nan where a run has none. code : exit code that the command
-        would have. holds : whether all of ``expect`` holds. done : 1 once the run was made.
+        values : of the keys. outputs, errors : numbers, nan where a run has none. series : see ``ManyRuns``. code :
+        exit code that the command would have. holds : whether all of ``expect`` holds. done : 1 once the run was made.
         """
         keys, outputs = (len(self.keys),), (len(self.outputs),)
         return np.dtype([
             ("values", "<f8", keys), ("outputs", "<f8", outputs), ("errors", "<f8", outputs),
-            ("code", "<i2"), ("holds", "?"), ("done", "?"),
+            ("series", "<i2"), ("code", "<i2"), ("holds", "?"), ("done", "?"),
         ])  # fmt: skip
 
 

@@ -115,6 +115,7 @@ class Compiled:
         self.left.update(runs.left)
         rows = np.zeros(len(points), task.layout)
         rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
+        rows["series"] = runs.series
         for k, key in enumerate(task.outputs):
             rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
         words = {STATUS: COMMANDS[task.command].good, **self._command.words}
