@@ -300,7 +300,8 @@ STUDY = (
         "runs/series",
         ("run",),
         "1",
-        "order of the Taylor series that made a run side by side with others; 0: the method that the command takes did",
+        "order of the Taylor series that made a run side by side with others; 0: the method that the command takes "
+        "did; only where there are such runs",
     ),
     Entry(
         "runs/holds", ("run",), "1", "1 where all that the scene expects holds; of a search its constraints"

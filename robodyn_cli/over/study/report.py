@@ -48,8 +48,11 @@ DIGEST = "study_digest"  # attribute of the file
 
 def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) -> Result:
     """Write inputs, outputs, their estimated errors and exit codes by run; return the result without them."""
+    by_series = any(rows["series"].any() for _, rows in file.blocks())
     for first, rows in file.blocks():
         _store(study, first, rows, writer)
+        if by_series:
+            writer.append("runs/series", rows["series"])
     result = Result("sweep", study.scene.title or study.task.command, "ok", study.scene.text)
     result.attributes[DIGEST] = study.digest
     findings = StudyFindings(study, file)
@@ -88,7 +91,6 @@ def _store(study: Study, first: int, rows: NDArray[Any], writer: ResultWriter) -
         writer.append(
             f"errors/{key}", rows["errors"][:, k], units=unit, long_name=f"estimated error of {key}"
         )
-    writer.append("runs/series", rows["series"])
     writer.append("runs/exit_code", rows["code"])
     writer.append("runs/holds", rows["holds"])
 
@@ -198,5 +200,6 @@ def earlier_rows(study: Study, directory: Path) -> NDArray[Any] | None:
     for k, key in enumerate(task.outputs):
         rows["outputs"][:, k], rows["errors"][:, k] = result[f"outputs/{key}"], result[f"errors/{key}"]
     rows["code"], rows["holds"], rows["done"] = result["runs/exit_code"], result["runs/holds"], True
-    rows["series"] = result["runs/series"]
+    if "runs/series" in result:
+        rows["series"] = result["runs/series"]
     return rows
