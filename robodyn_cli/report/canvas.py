@@ -86,7 +86,6 @@ def growth_times(result: Result) -> list[tuple[float, float]]:
 TITLE, NOTE, MORE = "title", "note", "note goes on"
 LEFT, RIGHT = 0.8, 0.3
 DEGREES = 0.36
-BAR = 0.85
 BETWEEN = 0.7
 TITLE_LINE, SUBTITLE_LINE = 0.21, 0.18
 X_LABEL = 0.52
@@ -101,8 +100,8 @@ class Panels:
     """How a sheet is laid out: ``panels`` of ``height`` inches, ``across`` of them side by side, ``gap`` apart
     vertically and ``between`` horizontally.
 
-    labels : texts of the legend below. degrees : leaves room for a second scale. bars : adds axes for a colour bar
-    beside each panel. titled : leaves room for a title above the first panels. captions : lines below the subtitle.
+    labels : texts of the legend below. degrees : leaves room for a second scale. titled : leaves room for a title
+    above the first panels. captions : lines below the subtitle.
     told : lines in the colour of alarms. numbered : leaves room for numbers and a label below the panels.
     """
 
@@ -113,7 +112,6 @@ class Panels:
     between: float = BETWEEN
     labels: Sequence[str] = ()
     degrees: bool = False
-    bars: bool = False
     titled: bool = False
     captions: Sequence[str] = ()
     told: Sequence[str] = ()
@@ -153,20 +151,16 @@ class Sheet:
         total = top + rows * height + (rows - 1) * gap + bottom
         WIDTH = form.width
         self.figure = Figure(figsize=(WIDTH, total), dpi=form.dpi)
-        width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0) - (BAR if shape.bars else 0.0)
+        width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0)
         wide = (width - (across - 1) * shape.between) / across
         self.across = across
         self.axes: list[Axes] = []
-        self.bars: list[Axes] = []
         for panel in range(panels):
             row, column = divmod(panel, across)
             x = LEFT + column * (wide + shape.between)
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
             self.axes[-1].yaxis.set_major_formatter(PlainFormatter(LEFT if column == 0 else shape.between))
-            if shape.bars:
-                place = ((x + wide + 0.15) / WIDTH, y / total, 0.18 / WIDTH, height / total)
-                self.bars.append(self.figure.add_axes(place))
         self.notes: list[Any] = []
         y = total - 0.12
         for line in title:

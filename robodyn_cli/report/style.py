@@ -40,9 +40,9 @@ DASHES: tuple[Any, ...] = (
 HANDLE_LENGTH = 3.5
 # Markers differ in outline, and each is known filled and open.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-# Up to this many lines each have a colour of their own, up to MANY a pair of colour and dash; more become small panels.
+# Up to FEW lines each have a colour of their own, up to MANY a pair of colour and dash; more become rows of a map.
 FEW = len(COLOURS)
-MANY = 24
+MANY = 16
 
 _SETTINGS: dict[Any, Any] = {
     "font.size": FONT_SIZE,

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
@@ -17,7 +16,6 @@ from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
-    curves_of,
     draw_crests,
     draw_error,
     draw_lines,
@@ -27,9 +25,9 @@ from robodyn_cli.report.curves import (
     nothing_note,
 )
 from robodyn_cli.report.format import NOTE_WIDTH, current
-from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near
+from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import looks_of
-from robodyn_cli.report.style import PlainFormatter, degree_axis, error_number, labelled, number, unit
+from robodyn_cli.report.style import PlainFormatter, error_number, number, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
@@ -161,7 +159,16 @@ def hatch(axes: Sequence[Axes], until: float) -> None:
 
 def told(one: Stated) -> str:
     """Return what a summary states of an error in words, with its unit."""
-    return " ".join(filter(None, (one.words, error_number(one.value, 2), unit(one.statement.unit))))
+    return " ".join(
+        filter(
+            None,
+            (
+                one.words,
+                error_number(one.value, 2),
+                unit(one.statement.unit) if one.statement.unit != "1" else "",
+            ),
+        )
+    )
 
 
 def error_words(result: Result, path: str) -> str:
@@ -272,55 +279,6 @@ class TimeSheet(Sheet):
                 line.set_text(line.get_text() + (BANDS if seen else UNDER))
 
 
-# More instants than pixels add nothing.
-INSTANTS = 800
-ROWS = 400
-
-
-def draw_map(result: Result, shown: DrawnCurves, quantity: str, subtitle: str, shows: str) -> Any:
-    """Return a figure of curves with columns upwards and time to the right, a map for each unit."""
-    groups = shown.groups()
-    sheet = TimeSheet(
-        result,
-        f"{subtitle}; {len(shown.names)} columns, one row each",
-        shows=shows,
-        nothing=shown.nothing,
-        panels=len(groups),
-        height=3.3 if len(groups) == 1 else 2.2,
-        bars=True,
-    )
-    for ax, bar, (units, columns) in zip(sheet.axes, sheet.bars, groups.items()):
-        drawn = _map(ax, result.time, shown.part(columns))
-        sheet.figure.colorbar(drawn, cax=bar).set_label(labelled(quantity, units))
-    sheet.finish([], [])
-    return sheet.figure
-
-
-def _map(ax: Axes, time: Array, shown: DrawnCurves) -> AxesImage:
-    """Draw one map."""
-    names, rows = list(shown.names), _spread(len(shown.names), ROWS)
-    image = shown.data[np.ix_(_spread(len(time), INSTANTS), rows)].T
-    half = 0.5 if len(time) == 1 else 0.0
-    extent = (time[0] - half, time[-1] + half, 0.5, len(names) + 0.5)
-    # Lightness grows with the value, so a grey print keeps the order.
-    drawn = ax.imshow(
-        image, aspect="auto", origin="lower", extent=extent, cmap="cividis", interpolation="nearest"
-    )
-    ax.grid(False)
-    marks = sorted({round(1 + index * (len(names) - 1) / 8) for index in range(9)})
-    ax.set_yticks(marks, [_short(names[mark - 1]) for mark in marks])
-    return drawn
-
-
-def _spread(count: int, most: int) -> Any:
-    """Return at most ``most`` indices evenly over ``count``."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 9 else name[:4] + "…" + name[-4:]
-
-
 def panel_height(panels: int) -> float:
     """Return the height of a panel [inch], less where there are several."""
     return {1: 3.3, 2: 2.2}.get(panels, 1.6) * min(1.0, 0.25 + 0.15 * current().width)
@@ -333,31 +291,3 @@ def draw_groups(sheet: TimeSheet, shown: DrawnCurves, groups: Sequence[list[int]
     for ax, columns in zip(sheet.axes, groups):
         handles.update(zip(columns, sheet.draw(ax, shown.part(columns), [styles[k] for k in columns])))
     return [handles[k] for k in range(shown.data.shape[1])]
-
-
-def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
-    """Return a figure of all columns of one variable over time, with degrees where it is an angle."""
-    shown = curves_of(result, path)
-    names, groups = list(shown.names), shown.groups()
-    if len(names) > style.MANY:
-        return draw_map(result, shown, quantity, subtitle, path)
-    near = limits_near(result, path)
-    sheet = TimeSheet(
-        result,
-        subtitle + (LIMIT_NOTE if near else ""),
-        shows=path,
-        nothing=shown.nothing,
-        panels=len(groups),
-        height=panel_height(len(groups)),
-        labels=names if len(names) > 1 else (),
-        degrees="rad" in groups,
-    )
-    handles = draw_groups(sheet, shown, list(groups.values()))
-    for ax, (units, columns) in zip(sheet.axes, groups.items()):
-        draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
-        label = "quaternion" if path == "q" and units == "1" else quantity
-        ax.set_ylabel(labelled(label if len(names) > 1 else f"{names[0]}: {label}", units))
-        if units == "rad":
-            degree_axis(ax)
-    sheet.finish(*((handles, names) if len(names) > 1 else ([], [])))
-    return sheet.figure

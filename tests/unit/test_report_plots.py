@@ -505,8 +505,8 @@ def test_every_axis_over_time_says_its_unit() -> None:
     mixed = chain_result(100, 11)
     units = tuple("rad" if k % 2 else "m" for k in range(100))
     mixed.add("q", mixed["q"], units="rad or m", names=mixed.variables["q"].names, column_units=units)
-    bars = [ax.get_ylabel() for ax in draw(mixed, "joint_angles").axes if "joint p" in ax.get_ylabel()]
-    assert bars == ["joint position [m]", "joint position [rad]"], "a map for each unit"
+    maps = [ax.get_title(loc="left") for ax in draw(mixed, "joint_angles").axes]
+    assert maps == ["joint position [m]", "joint position [rad]"], "a map for each unit"
 
 
 # -- drawn again ----------------------------------------------------------------------------------------------
