@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import CHARACTER, NOTE, TITLE, Sheet, legend_shape
 from robodyn_cli.report.format import current
-from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled, number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -82,7 +82,7 @@ def tornado(ax: Any, label: str, swings: dict[str, float], figures: bool = False
     ax.margins(x=0.08)
     behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}  # or lines would cross the text
     for place, key in zip(y, swings):
-        text = f"{key}:  {f'{swings[key]:+.3g}' if swings[key] else 0}" if figures else key
+        text = f"{key}:  {'+' * (swings[key] > 0.0)}{number(swings[key])}" if figures else key
         ax.text(
             0.01,
             place + 0.24,

@@ -21,7 +21,7 @@ from matplotlib.transforms import Bbox
 from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.format import NARROW, current
-from robodyn_cli.report.style import PlainFormatter, number
+from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.moments import lock
 from robodyn_cli.results.output_dir import CREATOR, MARK
@@ -40,7 +40,7 @@ def failure_note(result: Result) -> list[str]:
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
     return textwrap.wrap(
-        f"Run failed at t = {number(float(time), 6)} s: {reason}", current().characters, max_lines=2
+        f"Run failed at t = {style.times([float(time)], 6)[0]}: {reason}", current().characters, max_lines=2
     )
 
 
@@ -239,6 +239,7 @@ def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str, part: Bbox 
     with warnings.catch_warnings(), rc_context({"svg.hashsalt": MARK}):
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
+        style.prefix_axes(figure)
         figure.savefig(file, format=kind[1:], bbox_inches=part, **_described(figure, kind))
 
 

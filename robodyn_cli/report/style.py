@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from robodyn_cli.report.format import FigureFormat, formatted
@@ -170,23 +171,88 @@ DIGIT = 0.636
 BESIDE = 24.0  # between the edge of the page and numbers: the axis' label, its distance, a tick [pt]
 
 
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# units that prefixes go before, and from which size on they do; longer times are seconds all the same
+PREFIXED = {"s": 1e15, "m": 1e4, "m/s": 1e4, "m/s²": 1e4, "N": 1e4, "N·m": 1e4, "J": 1e4, "W": 1e4}
+SMALL = 0.1  # size below which they do
+
+
+def prefix(size: float, units: str) -> tuple[str, float]:
+    """Return a unit as printed, with an SI prefix where that suits values as large as ``size``, and how many of it
+    make one of the unit."""
+    if units not in PREFIXED or not 0.0 < size < math.inf or SMALL <= size < PREFIXED[units]:
+        return units, 1.0
+    exponent = 3 * math.floor(math.log10(size * (1.0 + 1e-9)) / 3.0)
+    return (PREFIXES[exponent] + units, 10.0**-exponent) if exponent in PREFIXES else (units, 1.0)
+
+
+def times(values: Sequence[float], digits: int = 4) -> list[str]:
+    """Return times [s] for captions, all in the same unit: ``497 ns``."""
+    word, factor = prefix(max((abs(x) for x in values if math.isfinite(x)), default=0.0), "s")
+    return [f"{number(float(x) * factor, digits)} {word}" for x in values]
+
+
+def prefix_axes(figure: Figure) -> None:
+    """Number linear axes that name their unit with a prefix where the values suit it: ``time [ns]``."""
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            named = re.fullmatch(r"(.*\[)(.+)\]", axis.get_label_text())
+            formatter = axis.get_major_formatter()
+            plain = type(formatter) in (PlainFormatter, ScalarFormatter) and axis.get_scale() == "linear"
+            if not named or not plain:
+                continue
+            low, high = axis.get_view_interval()
+            word, factor = prefix(max(abs(low), abs(high)), named[2])
+            if factor != 1.0 and not max(abs(low), abs(high)) > FAR_AWAY * (high - low):
+                axis.set_label_text(f"{named[1]}{word}]")
+                room = formatter.room if isinstance(formatter, PlainFormatter) else math.inf
+                axis.set_major_formatter(PlainFormatter(room, factor))
+
+
+FAR_AWAY = 1e4  # times the width of an axis, at which numbers are differences from one of them all the same
+
+
+class _Scaled:
+    """An axis whose values are multiplied by a factor, for its formatter."""
+
+    def __init__(self, axis: Any, factor: float) -> None:
+        self._axis, self._factor = axis, factor
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._axis, name)
+
+    def get_view_interval(self) -> tuple[float, float]:
+        low, high = self._axis.get_view_interval()
+        return self._factor * low, self._factor * high
+
+
 class PlainFormatter(ScalarFormatter):
     """Writes the numbers of a linear axis, and apart from them what they are multiplied by and what is added to all,
     as on other drawings.
 
     room : beside the axis, for numbers and a label [in]. Numbers that are too wide for it get a power of ten, or are
-    differences from one of them.
+    differences from one of them. factor : of all numbers, for another unit.
     """
 
-    def __init__(self, room: float = math.inf) -> None:
+    def __init__(self, room: float = math.inf, factor: float = 1.0) -> None:
         super().__init__()
         self._places: list[float] = []
+        self.room, self._factor = room, factor
         self._most = (72.0 * room - BESIDE) / FONT_SIZE
+
+    def set_axis(self, axis: Any) -> None:
+        """Know the axis, whose values are multiplied."""
+        seen: Any = axis if self._factor == 1.0 else _Scaled(axis, self._factor)
+        super().set_axis(seen)
+
+    def __call__(self, x: float, pos: Any = None) -> str:
+        return str(super().__call__(x * self._factor, pos))
 
     def set_locs(self, locs: Any) -> None:
         """Choose how the numbers at these places are written: the first way that leaves room for a label."""
         self._places = [float(x) for x in locs]
-        middle = self._places[len(self._places) // 2] if self._places else True
+        locs = [self._factor * x for x in self._places]
+        middle = locs[len(locs) // 2] if locs else True
         for limits, offset in (((-5, 6), True), ((0, 0), True), ((0, 0), middle)):
             self.set_powerlimits(limits)
             self.set_useOffset(offset)

@@ -27,7 +27,7 @@ from robodyn_cli.report.curves import (
 from robodyn_cli.report.format import NOTE_WIDTH, current
 from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import looks_of
-from robodyn_cli.report.style import PlainFormatter, error_number, number, unit
+from robodyn_cli.report.style import PlainFormatter, error_number, times, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
@@ -60,7 +60,7 @@ def counted(found: Sequence[Moment]) -> dict[str, str]:
 
 def decisive_text(found: Sequence[Moment]) -> str:
     """Return the decisive moments with their times, for the line above a drawing."""
-    return "; ".join(f"{m.text} at {number(m.time, 6)} s" for m in found if m.kind in DECISIVE)
+    return "; ".join(f"{m.text} at {times([m.time], 6)[0]}" for m in found if m.kind in DECISIVE)
 
 
 def mark_moments(axes: Sequence[Axes], found: Sequence[Moment]) -> None:
@@ -99,7 +99,7 @@ def lost_note(result: Result) -> list[str]:
         return []
     part = f"{NOT_MEANINGFUL:.0%}".replace("%", " %")
     return [
-        f"Hatched: not meaningful after t = {number(until, 4)} s (estimated error above {part} of the motion)"
+        f"Hatched: not meaningful after t = {times([until])[0]} (estimated error above {part} of the motion)"
     ]
 
 
@@ -133,7 +133,7 @@ def unseen_note(result: Result, path: str) -> list[str]:
         return []
     return [
         f"Sloping torques are not known: samples are further apart than the controller's period, "
-        f"{number(held.period, 4)} s (simulate.samples)"
+        f"{times([held.period])[0]} (simulate.samples)"
     ]
 
 
@@ -179,7 +179,7 @@ def error_words(result: Result, path: str) -> str:
         when = ""
         if one.statement.bounds == path and np.isfinite(until):
             one = dataclasses.replace(one, value=min(one.value, meaningful_error(result, path)))
-            when = f" until {number(until, 4)} s"
+            when = f" until {times([until])[0]}"
         words = told(one) + when
         if words not in said and (not said or len("; ".join([*said, words])) < NOTE_WIDTH - len(UNDER) - 8):
             said.append(words)

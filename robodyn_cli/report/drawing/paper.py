@@ -18,7 +18,7 @@ from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
 from robodyn_cli.report.drawing.record import GRID, INK, Stroke
 from robodyn_cli.report.drawing.strokes import strokes
-from robodyn_cli.report.style import number
+from robodyn_cli.report.style import PlainFormatter, number
 from robodyn_cli.spatial.algebra import Array
 
 DASHES = (0.0, [4.0, 3.0])
@@ -93,6 +93,8 @@ def set_up(ax: Axes, view: View, scale: bool = True) -> None:
     if scale and labels is not None:
         ax.set_xlabel(labels[0])
         ax.set_ylabel(labels[1])
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter(PlainFormatter())
         return
     ax.set_xticks([])
     ax.set_yticks([])

@@ -155,6 +155,7 @@ def nearest(times: Array, wanted: Array) -> Array:
     return np.asarray(np.where(wanted - times[left] <= times[right] - wanted, left, right))
 
 
+ROUNDING = 1e-12  # of the distance from the origin: less is no motion
 STILL = 1e-6  # of the largest extent: less is no motion
 SAME = 1e-9  # [m]
 
@@ -165,7 +166,7 @@ def moving_paths(result: Result) -> dict[str, Array]:
     for name, item in result.group("points").items():
         path = finite(item.data)
         same = (np.allclose(path, other, rtol=0.0, atol=SAME, equal_nan=True) for other in paths.values())
-        if _extent(path) > 0.0 and not any(same):
+        if _extent(path) > ROUNDING * float(np.nanmax(np.abs(path), initial=0.0)) and not any(same):
             paths[name] = path
     size = max((_extent(path) for path in paths.values()), default=0.0)
     return {name: path for name, path in paths.items() if _extent(path) > STILL * size}

@@ -18,7 +18,7 @@ from robodyn_cli.report.drawing.build import make_drawing, require_poses
 from robodyn_cli.report.drawing.camera import View, default_camera
 from robodyn_cli.report.drawing.places import along_motion, evenly
 from robodyn_cli.report.movie.frames import Frames, Seen, plan_movie
-from robodyn_cli.report.style import number, styled
+from robodyn_cli.report.style import styled
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -171,7 +171,9 @@ def draw_strip(result: Result, follow: str | None = None) -> Any:
     for k, ax in enumerate(sheet.axes):
         paper.set_up(ax, view, scale=False)
         paper.put(ax, view, k)
-        ax.set_title(f"t = {number(float(poses.times[k]), 4)} s", fontsize=style.FONT_SIZE, loc="left", pad=3)
+        ax.set_title(
+            f"t = {style.times([float(poses.times[k])])[0]}", fontsize=style.FONT_SIZE, loc="left", pad=3
+        )
     return sheet.figure
 
 

@@ -83,7 +83,9 @@ def _map(ax: Axes, time: Array, shown: DrawnCurves, kind: str, names: Sequence[s
     half = 0.5 if len(time) == 1 else 0.0
     extent = (time[0] - half, time[-1] + half, count + 0.5, 0.5)
     # lightness grows with the size, so a grey print keeps the order
-    look = {"cmap": "Blues", "vmin": 0.0} if kind == "size" else {"cmap": "RdBu_r", "vmin": -1.3}
+    look: dict[str, Any] = (
+        {"cmap": "Blues", "vmin": 0.0} if kind == "size" else {"cmap": "RdBu_r", "vmin": -1.3}
+    )
     image = scaled[np.ix_(evenly(len(time), INSTANTS), rows)].T
     ax.imshow(image, aspect="auto", extent=extent, interpolation="nearest", vmax=1.3, **look)
     ax.grid(False)
@@ -97,8 +99,8 @@ def _map(ax: Axes, time: Array, shown: DrawnCurves, kind: str, names: Sequence[s
         )  # fmt: skip
     if few and len(time) > 1:
         base, size = (0.45, 0.9) if kind == "size" else (0.0, 0.45)
-        rows = (k + 1 + base - size * scaled[:, k] for k in range(count))
-        lines = [np.column_stack(envelope(time, y, 200)) for y in rows]
+        curves = (k + 1 + base - size * scaled[:, k] for k in range(count))
+        lines = [np.column_stack(envelope(time, y, 200)) for y in curves]
         ax.add_collection(LineCollection(lines, colors=style.BLACK, linewidths=0.6), autolim=False)
         ax.hlines(np.arange(1.5, count), *extent[:2], colors="white", linewidths=0.8)
     ax.set_ylim(*extent[2:])

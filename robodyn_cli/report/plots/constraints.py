@@ -12,7 +12,7 @@ from robodyn_cli.report.curves import NOTHING, DrawnCurves, curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.plots.columns import draw_map
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import error_number, labelled, number, positive_floor, unit
+from robodyn_cli.report.style import error_number, labelled, number, positive_floor, times, unit
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height
 from robodyn_cli.results import result as wrenches
 from robodyn_cli.results.moments import lock_time
@@ -180,8 +180,8 @@ def _subtitle(result: Result, norms: dict[str, Array]) -> str:
     largest = []
     for units, norm in norms.items():
         top = where_largest(norm)
-        time = number(float(result.time[top]), 6)
-        largest.append(f"{number(float(norm[top]), 6)} {unit(units)} at t = {time} s")
+        time = times([float(result.time[top])], 6)[0]
+        largest.append(f"{number(float(norm[top]), 6)} {unit(units)} at t = {time}")
     return f"Lagrange multipliers; largest norm {', '.join(largest)}{sharing_note(result)}"
 
 
@@ -252,7 +252,7 @@ def reactions(result: Result) -> Any:
     at, worst = np.unravel_index(where_largest(force.ravel()), force.shape)
     subtitle = (
         f"Reactions in joints and closures; largest force {number(float(force[at, worst]), 5)} N in {names[worst]} "
-        f"at t = {number(float(result.time[at]), 5)} s{sharing_note(result)}"
+        f"at t = {times([float(result.time[at])], 5)[0]}{sharing_note(result)}"
     )
     forces = curves(force, names, ["N"] * len(names))
     if len(names) > style.MANY:

@@ -325,4 +325,4 @@ def _ratio(figures: Mapping[str, Any]) -> str:
         return "nothing resists"
     error = figures["errors"]["ratio"]
     off = "" if error is None else f" +- {style.error_number(error, 2)}"
-    return f"{number(figures['ratio'], 5)}{off} at {number(figures['time'], 4)} s"
+    return f"{number(figures['ratio'], 5)}{off} at {style.times([figures['time']])[0]}"

@@ -9,7 +9,7 @@ import numpy as np
 from robodyn_cli.report.curves import curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import BLACK, error_number, line_styles, number, positive_floor
+from robodyn_cli.report.style import BLACK, error_number, line_styles, number, positive_floor, times
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
@@ -79,7 +79,7 @@ def energy_drift(result: Result) -> Any:
     )
     if scale > 0.0 and error[worst] > 0.0:
         share = error_number(error[worst] / scale)
-        subtitle += f" at {number(float(time[worst]), 4)} s, {share} of the energy exchanged"
+        subtitle += f" at {times([float(time[worst])])[0]}, {share} of the energy exchanged"
     shown = curves(error[:, None], [name], ["J"], floor)
     sheet = TimeSheet(result, subtitle + zero_note(shown.data), nothing=shown.nothing)
     sheet.draw_log(sheet.ax, shown, positive_floor(error, floor=floor), window=window)

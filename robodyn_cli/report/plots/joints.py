@@ -75,14 +75,20 @@ def point_coordinates(result: Result) -> Any:
     """Coordinates of the named points that move over time, a panel for each axis of the world along which one moves."""
     paths = moving_paths(result)
     names = list(paths)[: style.FEW]
+    beside = {"m": max(float(np.nanmax(np.abs(path), initial=0.0)) for path in paths.values())}
     panels = {
         axis: curves(
-            np.column_stack([path[:, k] for path in paths.values()]), list(paths), ["m"] * len(paths)
+            np.column_stack([path[:, k] for path in paths.values()]),
+            list(paths),
+            ["m"] * len(paths),
+            beside=beside,
         )
         for k, axis in enumerate("xyz")
     }
     shown = {
-        axis: one.part(range(len(names))) for axis, one in panels.items() if np.ptp(one.data, axis=0).any()
+        axis: one.part(range(len(names)))
+        for axis, one in panels.items()
+        if (np.ptp(one.data, axis=0) > one.least).any()
     }
     nothing = [text for one in shown.values() for text in one.nothing]
     some = f" ({len(names)} of {len(paths)})" if len(names) < len(paths) else ""

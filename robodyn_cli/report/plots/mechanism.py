@@ -43,7 +43,7 @@ def mechanism(result: Result) -> Any:
     poses = drawing.at(chosen)
     view, views = _views(poses, default_camera(drawing))
     locked = lock_time(result)
-    times = [f"{number(float(t), 4)} s" for t in poses.times]
+    times = style.times(poses.times.tolist())
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
     height = paper.height_of(view, panel_width())
@@ -245,10 +245,10 @@ def mode_shapes(result: Result) -> Any:
 def _mode_name(mode: dict[str, Any]) -> str:
     """Return what stands above a panel."""
     if mode["imaginary"]:
-        return f"{mode['frequency']:.4g} Hz, damping {mode['damping']:.3g}"
+        return f"{number(mode['frequency'], 4)} Hz, damping {number(mode['damping'])}"
     if not mode["real"]:
         return "free, without restoring force"
-    return f"{'grows' if mode['real'] > 0 else 'decays'} e times in {mode['time']:.3g} s"
+    return f"{'grows' if mode['real'] > 0 else 'decays'} e times in {style.times([mode['time']], 3)[0]}"
 
 
 @plot(lambda result: "frames" in result.summary and can_draw(result))

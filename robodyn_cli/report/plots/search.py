@@ -93,8 +93,10 @@ def search_keys(result: Result) -> Any:
         handles += ax.plot(
             np.clip([here - off, here + off], 0.0, 1.0), [row, row], color=style.ALARM, linewidth=2.4
         )
-        text = f"{name} = {key['value']:.6g}" + (f" {key['unit']}" if key["unit"] not in ("", "1") else "")
-        ends = key.get("bounds", f"{key['low']:.4g} .. {key['high']:.4g}")
+        text = f"{name} = {style.number(key['value'], 6)}" + (
+            f" {key['unit']}" if key["unit"] not in ("", "1") else ""
+        )
+        ends = key.get("bounds", f"{style.number(key['low'], 4)} .. {style.number(key['high'], 4)}")
         ax.text(0.0, row + 0.2, text, fontsize=7.5, va="bottom")
         ax.text(1.0, row + 0.2, ends, fontsize=7.5, va="bottom", ha="right", color=style.GREY)
     ax.set_yticks([])

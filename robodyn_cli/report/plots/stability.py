@@ -13,7 +13,7 @@ from robodyn_cli.integration_methods import EXTREMES, METHODS
 from robodyn_cli.report.analysis import LEAST, STATUS, legend_below, powers, titled
 from robodyn_cli.report.canvas import CHARACTER, legend_shape
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import GREY, MARKERS, dashed_style
+from robodyn_cli.report.style import GREY, MARKERS, dashed_style, number
 from robodyn_cli.results.result import Result
 
 # step limits that are drawn
@@ -26,8 +26,9 @@ def stability_spectrum(result: Result) -> Figure:
     found = result.summary["spectrum"]
     figure = titled(
         7.6, 7.4, result,
-        f"stiffness ratio at most {found['stiffness_ratio']:.3g}; fastest decay {found['fastest_decay']:.3g} 1/s, "
-        f"fastest oscillation {found['fastest_oscillation']:.3g} rad/s",
+        f"stiffness ratio at most {number(found['stiffness_ratio'])}; "
+        f"fastest decay {number(found['fastest_decay'])} 1/s, "
+        f"fastest oscillation {number(found['fastest_oscillation'], 3)} rad/s",
     )  # fmt: skip
     _eigenvalues(figure, result)
     _steps(figure, result)
@@ -114,7 +115,7 @@ def stability_methods(result: Result) -> Figure:
     ref = result.summary["reference"]
     told = (
         f"against {ref['methods'][0]} and {ref['methods'][1]}, which agree to {ref['digits']:.1f} digits up to t = "
-        f"{ref['until']:.4g} s"
+        f"{number(ref['until'], 4)} s"
         if ref
         else "no reference: no two methods get through at tight tolerance"
     )
@@ -131,7 +132,7 @@ def stability_methods(result: Result) -> Figure:
         if row["method"] == "auto" and row["chosen"]:
             note += f" ({row['chosen']})"
         elif value is None and row["until"] > 0.0:
-            note += f", to t = {row['until']:.3g} s"
+            note += f", to t = {number(row['until'], 3)} s"
         elif row["honest"] is False:
             note += ", and its estimate hides it"
         ax.text(1.02, k, note, transform=ax.get_yaxis_transform(), va="center", color="black", fontsize=8.5)
@@ -162,7 +163,7 @@ def energy_growth(result: Result) -> Figure:
     _, lines = legend_shape(list(labels.values()))
     height = 4.0 + 0.19 * lines
     period = result.summary["energy_growth"]["period"]
-    figure = titled(7.6, height, result, f"a period is {period['seconds']:.4g} s: {period['source']}")
+    figure = titled(7.6, height, result, f"a period is {number(period['seconds'], 4)} s: {period['source']}")
     bottom = (0.6 + 0.19 * lines) / height
     ax = figure.add_axes((0.1, bottom, 0.86, 1 - bottom - 0.68 / height))
     for k, (name, label) in enumerate(labels.items()):
@@ -217,7 +218,7 @@ def baumgarte(result: Result) -> Figure:
             )
             none = ", no gain needed" if chosen["alpha"] == 0.0 == chosen["beta"] else ""
             ax.set_title(
-                f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s{none}",
+                f"{found[name]['method']}, {path}, h = {number(found[name]['reference_step'], 2)} s{none}",
                 fontsize=9,
             )
             ax.set_xlabel("beta [1/s]")
