@@ -17,16 +17,21 @@ from robodyn_cli.threads import single_thread
 single_thread(os.environ)
 gc.set_threshold(100_000, 10, 3)  # and what garbage there is does not fill the memory over all tests
 
-SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").split())
+SLOW, FURTHER = (
+    frozenset(Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines())
+    for name in ("slow.txt", "further.txt")
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name."""
+    """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name, ``further`` as listed."""
     met = set(SLOW)
     for item in items:
         if not isinstance(item, pytest.Function) or item.get_closest_marker("benchmarks"):
             continue
         name = f"{item.module.__name__}.{item.originalname}"
+        if name + item.name.removeprefix(item.originalname) in FURTHER:
+            item.add_marker(pytest.mark.further)
         if name not in met:
             met.add(name)
             item.add_marker(pytest.mark.quick)

@@ -1,9 +1,10 @@
-"""Write ``tests/slow.txt``, the test functions that ``pytest -m quick`` leaves out, from the times of a run of all tests.
+"""Write which tests are left out of some runs, from the times of a run of all of them.
 
-    python -m pytest -n auto --junitxml=times.xml && python tests/slow.py times.xml [SECONDS]
+    python -m pytest -n auto -m 'not benchmarks' --junitxml=times.xml && python tests/slow.py times.xml
 
-A function is slow if its first case takes longer than SECONDS (default 0.35, so that the others together stay below
-90 s).
+``slow.txt``: the functions that ``pytest -m quick`` leaves out, as their first case takes longer than ``SLOW``, so that
+the others together stay below 90 s. ``further.txt``: the cases that ``.ci/run`` leaves to ``.ci/release``, as they are
+beyond the second of their function and take longer than ``LONG``, so that each change waits 15 minutes at most.
 """
 
 from __future__ import annotations
@@ -12,18 +13,29 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
-LIST = Path(__file__).with_name("slow.txt")
+SLOW, LONG = 0.35, 1.5  # s
+FIRST = 2  # cases of a function that every run keeps
 
 
-def slow(report: Path, limit: float) -> list[str]:
-    """Return the functions of a JUnit report whose first case takes longer than the limit [s]."""
-    first: dict[str, float] = {}
+def times(report: Path) -> dict[str, dict[str, float]]:
+    """Return for each function of a JUnit report how long its cases took [s], in their order."""
+    found: dict[str, dict[str, float]] = {}
     for case in ElementTree.parse(report).iter("testcase"):
-        name = f"{case.get('classname')}.{case.get('name', '').partition('[')[0]}"
-        first.setdefault(name, float(case.get("time", 0.0)))
-    return sorted(name for name, seconds in first.items() if seconds > limit)
+        name, bracket, rest = case.get("name", "").partition("[")
+        if not case.get("classname"):
+            continue  # what could not be collected
+        found.setdefault(f"{case.get('classname')}.{name}", {})[bracket + rest] = float(case.get("time", 0.0))
+    return found
+
+
+def write(name: str, lines: list[str]) -> None:
+    """Write a list beside this file, one sorted line each."""
+    Path(__file__).with_name(name).write_text("".join(f"{line}\n" for line in sorted(lines)), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    found = slow(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 0.35)
-    LIST.write_text("\n".join(found) + "\n", encoding="utf-8")
+    taken = times(Path(sys.argv[1]))
+    write("slow.txt", [name for name, cases in taken.items() if next(iter(cases.values())) > SLOW])
+    write("further.txt", [
+        name + case for name, cases in taken.items() for case, t in list(cases.items())[FIRST:] if t > LONG
+    ])  # fmt: skip
