@@ -30,7 +30,9 @@ def times(report: Path) -> dict[str, dict[str, float]]:
 
 def write(name: str, lines: list[str]) -> None:
     """Write a list beside this file, one sorted line each."""
-    Path(__file__).with_name(name).write_text("".join(f"{line}\n" for line in sorted(lines)), encoding="utf-8")
+    Path(__file__).with_name(name).write_text(
+        "".join(f"{line}\n" for line in sorted(lines)), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":
