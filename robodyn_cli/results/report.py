@@ -106,8 +106,11 @@ class Report(Facts):
         if self._content is None:
             return f"<pre>{html.escape(self.text)}</pre>"
         data, suffix = self._content
+        name = html.escape(self.text.partition("\n")[0] or "what the command made", quote=True)
         if suffix in (".html", ".htm"):
             page = html.escape(data.decode(), quote=True)
-            return f'<iframe srcdoc="{page}" style="width:100%;height:{PAGE_HEIGHT}px;border:0"></iframe>'
+            return f'<iframe title="{name}" srcdoc="{page}" style="width:100%;height:{PAGE_HEIGHT}px;border:0"></iframe>'
         text = f"data:{PICTURES.get(suffix, 'application/octet-stream')};base64,{base64.b64encode(data).decode()}"
-        return f'<video controls loop src="{text}"></video>' if suffix == ".mp4" else f'<img src="{text}">'
+        if suffix == ".mp4":
+            return f'<video controls loop aria-label="{name}" src="{text}"></video>'
+        return f'<img alt="{name}" src="{text}">'

@@ -233,3 +233,10 @@ def test_a_loop_shows_its_margins_and_whether_it_is_stable() -> None:
         assert "loop with the controller: stable" in page.text
         assert ["pole without control", "off by", "damping"] in page.rows
         assert [f"pole of the loop [{'1/s' if limit else 'per sample'}]", "off by"] in page.rows
+
+
+@pytest.mark.parametrize(("suffix", "named"), [(".gif", "alt"), (".mp4", "aria-label"), (".html", "title")])
+def test_what_commands_make_has_a_name_for_those_who_listen(suffix: str, named: str) -> None:
+    """The first line that the command says, as text."""
+    shown = Report({}, 'a "swing" & <b>\nmore', 0, (b"GIF89a", suffix))._repr_html_()
+    assert f'{named}="a &quot;swing&quot; &amp; &lt;b&gt;"' in shown
