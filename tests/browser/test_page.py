@@ -241,6 +241,29 @@ def test_two_fingers_zoom_on_a_phone(planar: tuple[Result, Path], opened: Opener
     assert camera(page)[1] == pytest.approx(2.0 * scale, rel=0.1)
 
 
+def test_a_finger_scrolls_the_page_over_the_drawing(planar: tuple[Result, Path], opened: Opener) -> None:
+    """Up and down it scrolls, to the side it turns."""
+    page = opened(planar[1], viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True)
+    session, box = page.context.new_cdp_session(page), page.locator(".scene").bounding_box()
+    x, y = box["x"] + 60, box["y"] + 0.8 * box["height"]
+
+    def drag(dx: float, dy: float) -> None:
+        for k in range(10):
+            place = {"x": x + k * dx, "y": y + k * dy, "id": 0}
+            session.send(
+                "Input.dispatchTouchEvent",
+                {"type": "touchMove" if k else "touchStart", "touchPoints": [place]},
+            )
+        session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        page.wait_for_timeout(200)
+
+    drag(0, -12)
+    assert camera(page)[0] == "true" and page.evaluate("scrollY") > 20
+    page.evaluate("scrollTo(0, 0)")
+    drag(12, 1)
+    assert camera(page)[0] == "false" and page.evaluate("scrollY") < 5
+
+
 def test_a_phone_needs_no_scrolling_to_the_side(arm: tuple[Result, Path], opened: Opener) -> None:
     page = opened(arm[1], viewport={"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -470,3 +493,14 @@ def test_nothing_keeps_anybody_out(scheme: str, width: int, tmp_path: Path, open
         view = {"width": width, "height": 900}
         page = opened(target, color_scheme=scheme, viewport=view, bypass_csp=True)
         assert barriers(page) == [], name
+
+
+def test_without_a_script_figures_stand_there_and_nothing_is_asked(tmp_path: Path, chromium: Any) -> None:
+    results = [four_bar_result(60) for _ in range(2)]
+    write_page([Shown(f"r{k}", result) for k, result in enumerate(results)], tmp_path / "two.html")
+    context = chromium.new_context(java_script_enabled=False, offline=True)
+    page = context.new_page()
+    page.goto((tmp_path / "two.html").as_uri())
+    assert page.locator(".sided").is_visible() and page.locator("nav.results a").first.is_visible()
+    assert page.locator(":is(select, input, button):visible").count() == 0
+    context.close()

@@ -405,14 +405,16 @@ class Player {
     });
     for (const name of ["pointerup", "pointercancel"]) this.svg.addEventListener(name, (event) => down.delete(event.pointerId));
     this.svg.addEventListener("pointerup", (event) => {
-      if (start) this.bodies.at(event.clientX, event.clientY);
+      if (start && Math.hypot(event.clientX - start[0], event.clientY - start[1]) < 3 * STILL) this.bodies.at(event.clientX, event.clientY);
       start = null;
     });
     this.svg.addEventListener("pointermove", (event) => {
       const before = down.get(event.pointerId);
       if (!before) return;
       const now = [event.clientX, event.clientY], [dx, dy] = [now[0] - before[0], now[1] - before[1]];
-      if (start && Math.hypot(now[0] - start[0], now[1] - start[1]) < STILL) return;
+      const off = start && [0, 1].map((k) => Math.abs(now[k] - start[k]));
+      // a finger that goes up or down over a drawing that was not tapped before scrolls the page
+      if (off && (Math.max(...off) < STILL || (event.pointerType === "touch" && document.activeElement !== this.svg && off[1] > off[0]))) return;
       start = null;
       down.set(event.pointerId, now);
       const other = [...down].find(([id]) => id !== event.pointerId);

@@ -69,7 +69,7 @@ def compared(results: Sequence[Result]) -> list[SideBySide]:
     told = [dict(_figures(result)) for result in results]
     names = list(dict.fromkeys(name for one in told for name in one))
     figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
-    return [*found, *sorted(figures, key=lambda one: one.mark != DIFFER)[:MOST_FIGURES]]
+    return [*found, *sorted(figures, key=lambda one: one.mark != DIFFER)]
 
 
 def _of_scenes(results: Sequence[Result]) -> Iterator[SideBySide]:
@@ -282,12 +282,14 @@ def _compare(labels: Sequence[str], found: Sequence[SideBySide], data: Mapping[s
     few = element(
         "label", element("input", type="checkbox", class_="differing"), "only what differs", class_="asked"
     )
+    left = len(found) - MOST_FIGURES
+    more = f" {left} more figures, those that differ least, stand with each result." if left > 0 else ""
     legend = "≠ differ by more than their errors; ≈ differ within them; blank: the result has no such figure."
     parts = [
         element("h2", "Side by side", id="side-by-side"),
         element("p", [to, few], class_="controls"),
-        element("p", legend, class_="note"),
-        figures_table(labels, found),
+        element("p", legend + more, class_="note"),
+        figures_table(labels, found[:MOST_FIGURES]),
     ]
     if data["signals"]:
         options = [

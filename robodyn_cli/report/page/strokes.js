@@ -237,7 +237,7 @@ class Strokes {
   ghosts() {
     const found = this.view.once("ghosts", () => {
       const last = this.drawing.times.length - 1, poses = Array.from({ length: GHOSTS }, (_, k) => Math.round(last * k / (GHOSTS - 1)));
-      return this.drawing.parts.filter((part) => part.kind === "link" && part.vertices.length > 1).flatMap((part) => poses.map((pose) => {
+      return this.drawing.parts.filter((part) => ["link", "solid"].includes(part.kind) && part.vertices.length > 1).flatMap((part) => poses.map((pose) => {
         const points = part.vertices.map((v) => this.view.seen(this.view.place(v, pose)));
         return { d: points.every(isPlace) ? path(outline(points), points.length > 2) : "", colour: mixed(inked(part.colour), PAPER, 0.7) };
       }));
