@@ -109,7 +109,8 @@ class Report(Facts):
         name = html.escape(self.text.partition("\n")[0] or "what the command made", quote=True)
         if suffix in (".html", ".htm"):
             page = html.escape(data.decode(), quote=True)
-            return f'<iframe title="{name}" srcdoc="{page}" style="width:100%;height:{PAGE_HEIGHT}px;border:0"></iframe>'
+            look = f"width:100%;height:{PAGE_HEIGHT}px;border:0"
+            return f'<iframe title="{name}" srcdoc="{page}" style="{look}"></iframe>'
         text = f"data:{PICTURES.get(suffix, 'application/octet-stream')};base64,{base64.b64encode(data).decode()}"
         if suffix == ".mp4":
             return f'<video controls loop aria-label="{name}" src="{text}"></video>'

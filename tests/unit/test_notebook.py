@@ -18,6 +18,7 @@ from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, simul
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.cells import figure
 from robodyn_cli.report.figures import notes, tables
+from robodyn_cli.results.report import Report
 from robodyn_cli.scene import load_scene_text
 from tests.unit.synthetic_results import inverse_result
 
