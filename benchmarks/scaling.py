@@ -9,8 +9,8 @@
 
 Chains and trees have random axes, prismatic joints among them, full inertias and offset centres of mass; windows are
 the N-four-bar. Every figure is a process from start to end with an empty cache: seconds of the processor and the most
-memory at a time. The exponent is the slope of the logarithms between the two largest sizes, of what is above a process
-that does nothing.
+memory at a time. Exponents, of both, are slopes of the logarithms between the two largest sizes, of what is above a
+process that does nothing.
 
 ``--recursions`` takes chains of revolute joints, in one process on one core: calls of few samples, whose arrays stay in
 the processor's cache, and of many, which go through memory. Minimum of the calls within a second; the exponent is that
@@ -33,7 +33,7 @@ import measure
 import numpy as np
 
 SIZES = (10, 30, 100, 300, 1000)
-WINDOWS = (5, 10, 20, 40, 80)
+WINDOWS = (5, 10, 20, 40, 80, 160)
 JOINTS = [100, 300, 1000]  # of ``--recursions``
 SAMPLES = (64, 2048)
 OF_TREES = ("validate", "plan", "info", "inverse", "simulate", "kinematics", "statics")
@@ -158,7 +158,7 @@ def main() -> None:
         if options.recursions:
             report.rows += recursions(sizes or JOINTS)
             return
-        floor = cost(scene("chain", 2, "validate"), "validate", options.most)[0]
+        floor = cost(scene("chain", 2, "validate"), "validate", options.most)[:2]
         for kind in options.kinds:
             for command in OF_WINDOWS if kind == "windows" else OF_TREES:
                 if options.commands and command not in options.commands:
@@ -168,8 +168,13 @@ def main() -> None:
                     report.rows.append(over_sizes(kind, command, chosen, options.most, floor))
 
 
-def over_sizes(kind: str, command: str, sizes: Any, most: float, floor: float) -> dict[str, Any]:
-    """Return the costs of a command over sizes, up to the first at which something goes wrong; print them."""
+def over_sizes(
+    kind: str, command: str, sizes: Any, most: float, floor: tuple[float, float]
+) -> dict[str, Any]:
+    """Return the costs of a command over sizes, up to the first at which something goes wrong; print them.
+
+    floor : seconds and megabytes of a process that does nothing.
+    """
     row: dict[str, Any] = {"kind": kind, "command": command, "seconds": {}, "megabytes": {}, "wrong": {}}
     for n in sizes:
         seconds, memory, wrong = cost(scene(kind, n, command), command, most)
@@ -178,10 +183,13 @@ def over_sizes(kind: str, command: str, sizes: Any, most: float, floor: float) -
             row["wrong"][n] = wrong
             break
     good = [n for n in row["seconds"] if n not in row["wrong"]]
-    row["exponent"] = exponent(row["seconds"], good, floor)
-    cells = [f"{row['seconds'].get(n, '-')}{'!' if n in row['wrong'] else ''}" for n in sizes]
-    megabytes = row["megabytes"].get(good[-1]) if good else "-"
-    print(kind, command, *cells, megabytes, row["exponent"], *row["wrong"].values(), flush=True)
+    row["exponent"] = exponent(row["seconds"], good, floor[0], 0.1)
+    row["exponent_of_memory"] = exponent(row["megabytes"], good, floor[1], 5.0)
+    marks = ["!" if n in row["wrong"] else "" for n in sizes]
+    for unit, slope in (("seconds", "exponent"), ("megabytes", "exponent_of_memory")):
+        cells = [f"{row[unit].get(n, '-')}{mark}" for n, mark in zip(sizes, marks)]
+        print(f"{kind} {command}, {unit}:", *cells, f"; exponent {row[slope]}", flush=True)
+    print(*row["wrong"].values(), sep="\n", end="\n" if row["wrong"] else "", flush=True)
     return row
 
 
@@ -217,13 +225,13 @@ def microseconds(call: Any, joints: int, samples: int) -> float:
     return 1e6 * min(times) / samples
 
 
-def exponent(seconds: dict[int, float], sizes: list[int], floor: float) -> str:
-    """Return the slope between the two largest sizes, where they cost more than starting does."""
+def exponent(costs: dict[int, float], sizes: list[int], floor: float, least: float) -> str:
+    """Return the slope between the two largest sizes, where they cost more by ``least`` than starting does."""
     if len(sizes) < 2:
         return "-"
     a, b = sizes[-2:]
-    low, high = seconds[a] - floor, seconds[b] - floor
-    return f"{math.log(high / low) / math.log(b / a):.2f}" if low > 0.1 and high > 0.1 else "-"
+    low, high = costs[a] - floor, costs[b] - floor
+    return f"{math.log(high / low) / math.log(b / a):.2f}" if min(low, high) > least else "-"
 
 
 if __name__ == "__main__":

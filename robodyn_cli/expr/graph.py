@@ -97,6 +97,7 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Expr] = []
         self._table: dict[Any, Expr] = {}
+        self._binaries: dict[str, dict[int, Expr]] = {}  # by operation and both indices in one integer
 
     # -- leaves ---------------------------------------------------------------------------------------
     def constant(self, value: float) -> Expr:
@@ -142,7 +143,15 @@ class Graph:
             raise ValueError("expressions of different graphs cannot be combined")
         if op in COMMUTATIVE and y.index < x.index:
             x, y = y, x
-        return self._at((op, None, x.index, y.index), (x, y), None)
+        table = self._binaries.get(op)
+        if table is None:
+            table = self._binaries[op] = {}
+        key = x.index << 32 | y.index
+        node = table.get(key)
+        if node is None:
+            node = table[key] = Expr(self, op, (x, y), None, len(self.nodes))
+            self.nodes.append(node)
+        return node
 
     # -- arithmetic with folding ----------------------------------------------------------------------
     def add(self, a: Scalar, b: Scalar) -> Scalar:

@@ -8,6 +8,7 @@ An operation is an addition, a multiplication, a division or a call of a functio
 
 from __future__ import annotations
 
+import gc
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
@@ -18,7 +19,7 @@ from robodyn_cli.commands import places
 from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.expr.graph import Scalar, count_operations
+from robodyn_cli.expr.graph import Graph, Scalar, count_operations
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.commands import command_of
@@ -152,8 +153,15 @@ def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
     def count(variant: Variant) -> int:
         return count_operations(subject.outputs(variant.problem()))
 
-    everything = count(general(here))
-    return Ledger(here, total, count, everything * VARIANTS <= LARGEST), everything
+    # in a graph of its own, which takes as much memory as the command's; symbols of missing data are in the model's
+    everything = count(general(here if here.model.graph.nodes else here.with_model(graph=Graph())))
+    counted = everything * VARIANTS <= LARGEST
+    if not counted:
+        for _ in range(
+            2
+        ):  # arrays hide from the collector what they hold, and go in its first pass themselves
+            gc.collect()
+    return Ledger(here, total, count, counted), everything
 
 
 def _idle(subject: Subject) -> list[str]:
