@@ -107,7 +107,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw operations and time of a step against the number of loops, with lines of slope one."""
     import numpy as np
 
-    from robodyn_cli.report import style
+    from robodyn_cli.report import format, style
 
     import matplotlib.pyplot as plt  # isort: skip
 
@@ -125,7 +125,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         ax.grid(True, which="major", linewidth=0.4, alpha=0.5)
         ax.legend(frameon=False, loc="upper left")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=style.DPI)
+    figure.savefig(path, dpi=format.current().dpi)
 
 
 def main() -> None:

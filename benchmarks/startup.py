@@ -127,7 +127,7 @@ def main() -> None:
 
 def bench(folder: Path, environment: dict[str, str], repeats: int) -> list[dict[str, Any]]:
     """Time all processes in turn; return their rows."""
-    from robodyn_cli.report.style import DPI
+    from robodyn_cli.report.format import current
 
     def command(*arguments: str, out: str) -> list[str]:
         return [*robodyn(), *arguments, "--out", str(folder / out)]
@@ -143,7 +143,7 @@ def bench(folder: Path, environment: dict[str, str], repeats: int) -> list[dict[
         "inverse": command("inverse", str(SCENE), "--no-plots", out="inverse"),
         "simulate": command("simulate", str(CONFIGS / "double_pendulum.yaml"), "--no-plots", out="simulate"),
         "deploy": command("deploy", str(CONFIGS / "four_bar_deploy.yaml"), "--no-plots", out="deploy"),
-        plain: [python, "-c", PLAIN, str(folder / "plain"), str(DPI), *sizes],
+        plain: [python, "-c", PLAIN, str(folder / "plain"), str(current().dpi), *sizes],
         plots: command("inverse", str(SCENE), out="plots"),
     }
     # name, engine, what it is compared with, target of the ratio
