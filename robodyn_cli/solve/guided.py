@@ -130,13 +130,22 @@ def regular_places(conditions: Sizes, F: Array, J: Array) -> tuple[Any, Array]:
 @np.errstate(all="ignore")
 def solve_together(conditions: SampledConditions, guess: Array, samples: slice) -> Places:
     """Return the places at samples near a guess (T, nq), by Newton's method on all of them at once."""
-    rounds = 0
+    rounds, moved = 0, np.zeros(len(guess))
 
     def step(q: Array) -> Array:
-        nonlocal rounds
+        nonlocal rounds, moved
         F, J = conditions.at_samples(q, samples)
         rounds += 1
-        return newton_moves(conditions, q, F, J)
+        moves = newton_moves(conditions, q, F, J)
+        # the way there counts: from beyond its bound it may come back to another solution
+        moved = np.maximum(moved, far(q + moves))
+        return moves
+
+    def far(q: Array) -> Array:
+        away: Array = (np.abs(q - guess)[:, conditions.manifold.position] / conditions.lengths).max(
+            axis=1, initial=0.0
+        )
+        return away
 
     q = together(guess, step)
     F, J = conditions.at_samples(q, samples)
@@ -145,8 +154,7 @@ def solve_together(conditions: SampledConditions, guess: Array, samples: slice) 
     J = np.where(known[:, None, None], J, 0.0)
     v = least_steps(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
     a = least_steps(J, conditions.rates_at_samples(q, v, samples)[1])
-    moved = (np.abs(q - guess)[:, conditions.manifold.position] / conditions.lengths).max(axis=1, initial=0.0)
-    return Places(q, v, a, scaled, regular, moved, rounds)
+    return Places(q, v, a, scaled, regular, np.maximum(moved, far(q)), rounds)
 
 
 @record

@@ -9,8 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli import load_scene, simulate
 from robodyn_cli.errors import RobodynError
+from robodyn_cli.over.c99.folder import export_c
+from robodyn_cli.over.c99.keys import asked_key
+from robodyn_cli.over.fmu.export import export_fmu
 from robodyn_cli.over.live.judging import Judging
+from robodyn_cli.over.live.pages import live_parts
 from robodyn_cli.over.live.rules import Tape, plain
 from robodyn_cli.over.live.structure import LiveStructure
 from robodyn_cli.scene.load import Family
@@ -273,7 +278,7 @@ REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
     "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
     "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
     "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),
-    "options": ("double_pendulum.yaml", (), {"simulate.duration": (5.0, 20.0)}, "simulate.duration is an option of the run"),
+    "options": ("double_pendulum.yaml", (), {"simulate.duration": (5.0, 20.0)}, "--live simulate.duration: it is an option of the run; allowed: numbers"),
     "times of formulas": ("double_pendulum.yaml", ("parameters={w: 3}", "torques.theta1=abs(sin(w*t))"), {"parameters.w": (2.0, 4.0)},
                           "steps have to end at times .* others with parameters.w"),
     "a crowd of events": ("double_pendulum.yaml", ("torques.theta1=0.01*abs(sin(500*theta1))",), {},
@@ -292,6 +297,30 @@ def test_what_cannot_leave_is_refused_by_name(name: str) -> None:
     scene, overrides, ranges, words = REFUSED[name]
     with pytest.raises(RobodynError, match=words):
         LiveStructure(family_of(scene, overrides), ranges).data()
+
+
+@pytest.mark.parametrize(
+    "asked, words",
+    [
+        (("robot.links.link1.mass", "robot.links.link1.mass"), "--live robot.links.link1.mass: is given twice$"),
+        (("robot.links.0.mass", "robot.links.link1.mass"), "--live robot.links.link1.mass: is given twice, also as"),
+        (("nonsense",), "^--live nonsense: unknown key 'nonsense'"),
+    ],
+)  # fmt: skip
+def test_keys_of_a_page_are_refused_by_its_own_option(asked: Sequence[str], words: str) -> None:
+    result = simulate(load_scene(CONFIGS / "double_pendulum.yaml", overrides=["simulate.samples=3"]))
+    with pytest.raises(RobodynError, match=words):
+        live_parts([result], [(key, "8", "17") for key in asked])
+
+
+@pytest.mark.parametrize("target", ["c", "fmu"])
+def test_starts_are_asked_for_once(target: str, tmp_path: Path) -> None:
+    family, asked = family_of("double_pendulum.yaml"), [asked_key("initial.q.theta1=-2:2")] * 2
+    with pytest.raises(RobodynError, match="--key initial.q.theta1: is given twice"):
+        if target == "c":
+            export_c(family, asked, tmp_path / "c", loop=True)
+        else:
+            export_fmu(family, tmp_path / "a.fmu", asked)
 
 
 def test_code_that_needs_what_browsers_do_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -201,7 +201,7 @@ REFUSED: dict[str, tuple[str, Sequence[str], str, str]] = {
                                                        "than it takes share the load"),
     "lengths that move when friction turns": ("mechanisms/flywheel.yaml", ("robot.joints.rod.friction={coulomb: 0.1}",), "robot.joints.rod.origin.xyz.0",
                                               "rod, which lose energy, turn back"),
-    "what is asked of the motion": ("2r_circle.yaml", (), "trajectory.radius", "trajectory.radius decides which equations there are"),
+    "what is asked of the motion": ("2r_circle.yaml", (), "trajectory.radius", "--live trajectory.radius: it decides which equations there are"),
     "the least time": ("trajectories/fastest_2r.yaml", (), "robot.links.link1.mass", "limits of torques or paths decide the motion"),
     "parameters of the motion": ("2r_circle.yaml", ("parameters={speed: 1}", "trajectory={type: joint, duration: 2, q: {theta1: speed*t, theta2: 1}}",
                                  "torques.theta1=0.5*speed"), "parameters.speed", "parameters may change the motion"),

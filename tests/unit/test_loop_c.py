@@ -16,10 +16,11 @@ from robodyn_cli.kernels.as_c.words import text_beside, used_functions
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.over.c99.keys import asked_key
 from robodyn_cli.over.fmu.export import fmu_structure
+from robodyn_cli.over.live.code import behind_python
 from robodyn_cli.over.live.rules import Tape
 from robodyn_cli.over.loop_c import rules
 from robodyn_cli.over.loop_c.rules import CRules
-from robodyn_cli.over.loop_c.structure import structure_of
+from robodyn_cli.over.loop_c.structure import structure_of, with_able_keys
 from robodyn_cli.scene.load import Family
 from tests.exported_c import COMPILER, compiled, needs_compiler, self_test
 from tests.exported_loop import ExportedLoop
@@ -176,6 +177,28 @@ def test_c_gives_what_the_program_gives(name: str, tmp_path: Path) -> None:
     wrong, refused = disagreements(runs, run_many(family, ranges, rows))
     assert not wrong, "\n".join(wrong)
     assert refused <= len(rows) // 2, [one.get("refused") for one in runs]
+
+
+def test_keys_behind_python_are_left_out_at_once() -> None:
+    """An error that names them needs no halves."""
+    names = [f"robot.links.link{k}.{x}" for k in (1, 2) for x in ("mass", "com.0", "inertia.zz")]
+    behind, built = set(names[1::2]), []
+
+    class Made:
+        where = "leave as C"
+
+        def __init__(self, keys: Ranges) -> None:
+            self.keys = keys
+            built.append(self)
+
+        def texts(self, target: Any) -> None:
+            if found := behind & set(self.keys):
+                raise behind_python(found)
+
+    cheap = dict.fromkeys(names, (0.0, 100.0))
+    made, left = with_able_keys(family_of("double_pendulum.yaml"), cheap, Made)  # type: ignore[type-var]
+    assert len(built) == 2 and behind.isdisjoint(made.keys) and set(names) - behind <= set(made.keys)  # type: ignore[attr-defined]
+    assert set(left) == behind and all("base inertial parameters" in why for why in left.values())
 
 
 @needs_compiler

@@ -80,6 +80,20 @@ def test_runs_that_meet_a_dead_point_are_left_to_the_command() -> None:
         assert (run in made.runs) == (one["code"] == 0)
 
 
+def test_runs_far_from_their_guess_are_left_to_the_command() -> None:
+    """Newton's method goes farther there than the command lets it, and comes back, perhaps to another solution."""
+    path = FIVE.parents[1] / "mechanisms" / "five_bar_circle.yaml"
+    keys = tuple(f"robot.joints.{name}.a" for name in ("left", "bend_left", "right", "bend_right"))
+    guess = "initial.q={left: 2.37, bend_left: -1.09, right: 1.07, bend_right: 0.85}"
+    changes = ("command=kinematics", "expect={}", "outputs={}", "kinematics.samples=9", guess)
+    asked = Task(Family(path, changes), "kinematics", keys, ())
+    values = np.random.default_rng(1).uniform((0.35, 0.6, 0.35, 0.6), (0.75, 1.1, 0.75, 1.1), size=(16, 4))
+    made = Compiled(asked, 1).make(Points(np.arange(16), values))
+    assert 3 <= len(made) < 16
+    for run in made.runs.tolist():
+        assert make_one(asked, run, values[run])[0].rows[0]["code"] == 0
+
+
 def slopes_of(compiled: Compiled, values: np.ndarray) -> np.ndarray:
     ((structure, rows),) = compiled.structures(values)
     assert len(rows) == len(values)

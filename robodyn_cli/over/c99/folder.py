@@ -27,6 +27,7 @@ from robodyn_cli.over.c99.source import Library, library_name
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import written_folder
 from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.version import __version__
 
@@ -131,6 +132,7 @@ def export_c(
     CapabilityError : functions of a state cannot hold a part of the scene, its motion cannot leave, or a key is
     structure: it is named; llvmlite is too old for objects. OutputError : it cannot be written.
     """
+    refuse_doubles(family.root, [one.name for one in asked], "--key")
     starts = [one for one in asked if is_start(family, one)] if loop else []
     made = parametrised(family, [one for one in asked if one not in starts], loop)
     if not made.own.functions:

@@ -16,7 +16,17 @@ from robodyn_cli.expr.statements import quantities
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.c99.functions import ModelFunctionsOfScene, functions_of, ready
-from robodyn_cli.over.many.keys import NO_VALUE, OPTION, START, Key, setting, settings, understand, value_of
+from robodyn_cli.over.many.keys import (
+    NO_VALUE,
+    OPTION,
+    START,
+    Key,
+    asked_by,
+    setting,
+    settings,
+    understand,
+    value_of,
+)
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.numbers import at_key
@@ -192,11 +202,13 @@ def key_bounds(family: Family, asked: Sequence[AskedKey]) -> dict[str, tuple[flo
 
 def is_start(family: Family, one: AskedKey) -> bool:
     """Tell whether a key is where motions start."""
-    return understand(family, one.name).sort == START
+    with asked_by("--key", one.name):
+        return understand(family, one.name).sort == START
 
 
 def _number(family: Family, one: AskedKey) -> Key:
-    key = understand(family, one.name)
+    with asked_by("--key", one.name):
+        key = understand(family, one.name)
     if key.sort in (START, OPTION):
         raise CapabilityError(
             f"--key {one.name}: it is {'the start' if key.sort == START else 'an option'} of a simulation; functions "

@@ -27,6 +27,7 @@ from robodyn_cli.over.loop_c.library import LoopLibrary
 from robodyn_cli.over.loop_c.structure import left_out, with_able_keys
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.units import refuse_doubles
 
 SUFFIX = ".fmu"
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
@@ -70,6 +71,8 @@ def fmu_structure(
 
     The second is what to say of keys that are left out.
     """
+    for option, given in {"--key": asked, "--input": inputs}.items():
+        refuse_doubles(family.root, [one.name for one in given], option)
     points, inputs = with_set_points(family, inputs)
     if points is not None:
         family, inputs = points.family, [*inputs, *points.keys]

@@ -9,11 +9,11 @@ All functions work on memory of the caller:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.fixed import CANCELLED
+from robodyn_cli.errors import CapabilityError, listed
+from robodyn_cli.expr.fixed import CANCELLED, places
 from robodyn_cli.expr.functions import absolute, maximum, where
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.many import CONSTANT, Decision, Recipe
@@ -31,6 +31,7 @@ from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.record import record
 
+BEHIND = "numbers follow from it by a function in Python (base inertial parameters, a principal axis)"
 PASSED = "passed"  # a function of the caller
 # comparisons with zero of a difference that hold where it is positive, or where it is not
 POSITIVE = {"gt": (1.0, True), "le": (1.0, False), "lt": (-1.0, True), "ge": (-1.0, False)}
@@ -133,12 +134,21 @@ def numbers_text(
     return module([f, *programs.functions.values()])
 
 
+def behind_python(keys: Iterable[str]) -> CapabilityError:
+    """Return the error of keys from which numbers follow otherwise than by arithmetic; its details name them."""
+    names = sorted(set(keys))
+    return CapabilityError(f"{listed(names)}: {BEHIND}", keys=names)
+
+
 def _values(recipe: Recipe, symbols: Mapping[str, Expr], wanted: set[int]) -> list[Any]:
     """Return the steps of a recipe that lead to wanted values as expressions of the keys."""
     needed = set(wanted)
     for k in reversed(range(len(recipe.steps))):
         if k in needed:
             needed.update(recipe.steps[k][2])
+    derived = [data for k, (op, data, _) in enumerate(recipe.steps) if k in needed and op == "derived"]
+    if derived:
+        raise behind_python(place for inputs in derived for place in places(inputs) if place in symbols)
     values: list[Any] = []
     for k, (op, data, args) in enumerate(recipe.steps):
         if k not in needed:
@@ -147,10 +157,6 @@ def _values(recipe: Recipe, symbols: Mapping[str, Expr], wanted: set[int]) -> li
             values.append(data)
         elif op == "literal":
             values.append(symbols[data])
-        elif op in ("entry", "derived"):
-            raise CapabilityError(
-                "a key enters the equations by a function in Python (base parameters, a principal axis)"
-            )
         else:
             values.append(_operation(op, [values[a] for a in args]))
     return values

@@ -63,7 +63,7 @@ class LiveInverse(LiveMotion):
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         super().__init__(family, ranges, given_commands())
         scene = family.own
-        if why := first_of({**self._sorts, VERDICT: bool(scene.drives) or scene.motorisation is not None}):
+        if why := first_of({VERDICT: bool(scene.drives) or scene.motorisation is not None}):
             raise CapabilityError(f"this scene cannot {self.where}: {why}")
         self.structure = self._built(self.mechanism, InverseStructure)
         self.program = self.structure.program

@@ -21,7 +21,18 @@ from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.live.code import StateEquations, equations_text, numbers_text
 from robodyn_cli.over.many.groups import Built
-from robodyn_cli.over.many.keys import NO_VALUE, OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
+from robodyn_cli.over.many.keys import (
+    NO_VALUE,
+    OPTION,
+    START,
+    STRUCTURE,
+    Key,
+    asked_by,
+    key_unit,
+    settings,
+    understand,
+    value_of,
+)
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
@@ -73,15 +84,26 @@ class LiveScene:
             raise CapabilityError(
                 f"a scene of {scene.command} cannot {self.where}; allowed: {', '.join(commands)}"
             )
-        self.command, self.mechanism = command, Mechanism(family, list(ranges))
-        self.keys = [self._live_key(self.mechanism, key, ranges[key.name]) for key in self.mechanism.keys]
+        keys = tuple(self._understood(name) for name in ranges)
+        self.command, self.mechanism = command, Mechanism(family, list(ranges), keys)
+        self.keys = [self._live_key(self.mechanism, key, ranges[key.name]) for key in keys]
         self.row = np.array([key.value for key in self.keys])
 
-    @property
-    def _sorts(self) -> dict[str, bool]:
-        """Why keys cannot vary here, by name."""
-        sorts = [(key.key.name, key.key.sort) for key in self.keys]
-        return {f"{name} {SORTS[sort]}": True for name, sort in sorts if sort in SORTS}
+    def _understood(self, name: str) -> Key:
+        """Return what a key is.
+
+        Raises
+        ------
+        SceneError : the scene has no such key. CapabilityError : it cannot vary here.
+        """
+        option = self._option(name)
+        with asked_by(option, name):
+            key = understand(self.family, name)
+        if key.sort in SORTS:
+            raise CapabilityError(
+                f"{option} {name}: it {SORTS[key.sort]}; allowed: numbers of the equations, and starts"
+            )
+        return key
 
     def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
         """Return a key with its range.

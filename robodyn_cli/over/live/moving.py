@@ -52,7 +52,7 @@ class LiveKinematics(LiveMotion):
 
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         super().__init__(family, ranges, kinematic_commands())
-        if why := first_of({**self._sorts, VERDICT: family.own.motorisation is not None}):
+        if why := first_of({VERDICT: family.own.motorisation is not None}):
             raise CapabilityError(f"this scene cannot {self.where}: {why}")
         self.structure = self._built(self.mechanism, KinematicsStructure)
         self.problem, self.times = self.structure.problem, self.structure.times

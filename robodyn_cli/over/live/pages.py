@@ -13,9 +13,10 @@ from robodyn_cli.kernels.wasm import WasmModule
 from robodyn_cli.over.live.given import LiveInverse, given_commands
 from robodyn_cli.over.live.moving import LiveKinematics, kinematic_commands
 from robodyn_cli.over.live.structure import LiveStructure, motion_commands
-from robodyn_cli.over.many.keys import NO_VALUE, value_of
+from robodyn_cli.over.many.keys import NO_VALUE, asked_by, value_of
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family, load_scene_text
+from robodyn_cli.scene.units import refuse_doubles
 
 Asked = tuple[str, str, str]  # a key, and the lowest and highest value of it as they are written
 
@@ -53,13 +54,15 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
             family = Family.of(load_scene_text(result.scene_text))
             for key, low, high in asked:
                 try:
-                    written = _written(family, key, low), _written(family, key, high)
+                    with asked_by("--live", key):
+                        written = _written(family, key, low), _written(family, key, high)
                 except SceneError as error:
                     refused.setdefault(key, error)
                     continue
                 if value_of(family, key) is None:  # a map of free names takes any key
                     refused.setdefault(key, CapabilityError(f"--live {key}: {NO_VALUE}"))
                 else:
+                    refuse_doubles(family.root, [*ranges, key], "--live")
                     ranges[key] = written
         served |= set(ranges)
         parts.append(_part(make(family, ranges)) if make is not None and ranges else None)

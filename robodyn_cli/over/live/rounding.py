@@ -10,12 +10,12 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.fixed import Fixed
+from robodyn_cli.expr.fixed import Fixed, places
 from robodyn_cli.expr.graph import Expr, Graph, Scalar
 from robodyn_cli.expr.many import Recipe
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.observe.rounding import PATTERNS, Rounded, RoundedNumbers
+from robodyn_cli.over.live.code import behind_python
 
 GIVEN, FACTORS = "given", "factors"  # groups of symbols: values of keys, and what results are multiplied by
 
@@ -34,9 +34,7 @@ class StagedNumbers(RoundedNumbers):
         if x.op == "literal":
             return self.given.get(x.args[0], float(x))
         if self.recipe.varies(x):
-            raise CapabilityError(
-                "a key enters the equations by a function in Python (base parameters, a principal axis)"
-            )
+            raise behind_python(place for place in places([x]) if place in self.given)
         return float(x)
 
     def apply(self, node: Expr, args: Sequence[Any]) -> Any:

@@ -81,10 +81,10 @@ class LiveStructure(LiveScene):
     def obstacle(self) -> str:
         """Why runs of this scene stay with the command; nothing if they can leave."""
         motion, scene = self.motion, self.motion.scene
-        control, reasons = motion.problem.control, self._sorts
+        control = motion.problem.control
         choice = motion.choice
         quasi = any(body.joint.quasi for body in motion.problem.model.bodies)
-        reasons |= {
+        reasons = {
             VERDICT: bool(scene.drives) or scene.motorisation is not None,
             "no errors are estimated (simulate.error_estimate)": not scene.simulate.error_estimate,
             "the motion turns stiff, so that its method changes on the way": choice.may_change

@@ -12,6 +12,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.expr.fixed import places
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
+from robodyn_cli.over.live.code import BEHIND
 from robodyn_cli.over.live.keys import SORTS, ends_of, entries_of
 from robodyn_cli.over.live.structure import LiveStructure
 from robodyn_cli.over.many.keys import NUMBER, understand
@@ -107,7 +108,7 @@ def with_able_keys(
 ) -> tuple[Made, dict[str, str]]:
     """Return the motion with those of ``cheap`` and of the given starts that can be keys; the others with the reason.
 
-    What stands in the way is found by halves: keys that cannot be such are few.
+    What stands in the way is named, or found by halves: keys that cannot be such are few.
 
     Raises
     ------
@@ -127,6 +128,12 @@ def with_able_keys(
         try:
             tried({name: able[name] for name in names})
         except RobodynError as error:
+            if behind := [name for name in names if name in error.details.get("keys", ())]:
+                left.update(dict.fromkeys(behind, BEHIND))
+                rest = [name for name in names if name not in behind]
+                if rest or not found:
+                    add(rest)
+                return
             if not found:
                 tried({})
             if len(names) == 1:

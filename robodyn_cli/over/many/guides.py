@@ -28,6 +28,7 @@ from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 
 HALVINGS = 8  # of the way between samples; what needs more is left to the command
 ATTITUDE = 0.5  # cosine, below which links are half a turn away from the attitude that is asked for
+FARTHEST = 0.99  # rad, or part of the size: steps are cut at 1, beyond which the command does not begin
 AT_ONCE = 16_384  # places that are solved together
 Chosen = NDArray[np.bool_]
 
@@ -185,7 +186,7 @@ class _Going:
         loops = _Loops(conditions, m)
         q, left = closure.newton_of_many(loops, np.tile(guided.start, (count, 1)), free)
         places = solve_together(conditions, q, slice(None))
-        good = (left <= closure.CLOSED) & places.regular & (places.moved < 1.0)
+        good = (left <= closure.CLOSED) & places.regular & (places.moved < FARTHEST)
         return places, good & (conditions.cosines(places.q) >= ATTITUDE).all(axis=1)
 
     def _conditions(self, values: Array, t: float) -> _RunConditions:

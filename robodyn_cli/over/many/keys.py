@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -65,6 +67,21 @@ def setting(key: str, value: float) -> str:
 def settings(keys: Sequence[str], values: Iterable[float]) -> list[str]:
     """Return the options of ``--set`` that give keys their values."""
     return [setting(key, float(x)) for key, x in zip(keys, values)]
+
+
+@contextlib.contextmanager
+def asked_by(option: str, key: str) -> Iterator[None]:
+    """Say of a key that the scene does not take which option asks for it, not the value with which it was tried.
+
+    Raises
+    ------
+    SceneError : that of the body.
+    """
+    try:
+        yield
+    except SceneError as error:
+        message = re.sub(r"^--set .*?: (\S+: )?", lambda _: f"{option} {key}: ", error.message)
+        raise SceneError(message, **error.details) from error
 
 
 def understand(family: Family, name: str) -> Key:

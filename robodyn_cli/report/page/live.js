@@ -149,7 +149,7 @@ class Live {
     const { result } = this, found = this.figuresOf(result);
     const rows = this.figureNames.map((name, k) => [name, stated(found[k].value, found[k].error, found[k].unit)]);
     const shown = result.passed.slice(0, PASSED);
-    rows.push(...shown.map(({ name, time, error }) => [`event of ${name.replace(/[._]/g, " ")}`, stated(time, error, "s")]));
+    rows.push(...shown.map(({ name, kink, time, error }) => [`${kink ? "kink" : "event"} of ${name.replace(/[._]/g, " ")}`, stated(time, error, "s")]));
     if (result.passed.length > PASSED) rows.push(["more events", `${result.passed.length - PASSED}`]);
     if (result.steps) rows.push(["steps of two integrations", `${result.steps} and ${result.second_steps}`]);
     this.find("tbody").replaceChildren(...rows.map(([name, value]) => {

@@ -314,7 +314,8 @@ class Runner {
       const other = second.passed[k];
       if (!other || other.event !== event) break;
       const inputs = { steps: first.steps, time: first.time, "again.steps": second.steps, passed: Float64Array.of(time), "again.passed": Float64Array.of(other.time) };
-      both.push({ name: data.events[event].name, time, error: this.rule("passed", inputs).error[0] });
+      const { name, kind } = data.events[event];
+      both.push({ name, kink: kind === "DISCONTINUITY", time, error: this.rule("passed", inputs).error[0] });
     }
     return both;
   }
