@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from robodyn_cli.report import style
 from robodyn_cli.report.analysis import axis_label, fit_label, outputs, panels, runs_text
@@ -45,6 +46,7 @@ def search_path(result: Result) -> Any:
             handles += ax.plot(np.flatnonzero(failed), np.zeros(int(failed.sum())), linestyle="none", marker="X",
                                clip_on=False, color=style.ALARM, transform=ax.get_xaxis_transform())  # fmt: skip
         ax.set_xlabel("run")
+        ax.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         fit_label(ax, "y", axis_label(result, name, "outputs"))
         ax.margins(x=0.03)
     sheet.legend(handles[: len(labels)], labels)

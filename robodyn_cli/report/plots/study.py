@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from robodyn_cli.report import style
 from robodyn_cli.report.analysis import (
@@ -145,6 +146,7 @@ def study_histograms(result: Result) -> Any:
         # what the numbers are multiplied by stands on the right
         fit_label(ax, "x", axis_label(result, name, "outputs"), loc="left")
         ax.set_ylabel("runs")
+        ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         ax.locator_params(axis="x", nbins=5)
     sheet.legend(handles, labels[: len(handles)])
     return sheet.figure
