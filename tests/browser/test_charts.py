@@ -196,3 +196,13 @@ def test_axes_have_prefixes_of_units(
     assert max(numbers) == pytest.approx(largest, rel=0.5)
     heads, rows = table(saved(page, angles, "CSV"))
     assert heads[1] == "joint1 [rad/s]" and np.nanmax(rows[:, 1]) == pytest.approx(2.0 * factor, rel=0.02)
+
+
+def test_plots_that_are_not_over_time_need_no_script(planar: tuple[Result, Path], chromium: Any) -> None:
+    context = chromium.new_context(offline=True, java_script_enabled=False, color_scheme="dark")
+    page = context.new_page()
+    page.goto(planar[1].as_uri())
+    words = page.locator("svg.picture text", has_text="x [m]")
+    assert words.is_visible() and words.evaluate("x => getComputedStyle(x).fill") == "rgb(228, 228, 228)"
+    assert "need JavaScript" in page.locator("noscript").inner_text()
+    context.close()

@@ -338,7 +338,9 @@ def make_page(shown: Sequence[Shown]) -> str:
         results, names = [one.result for one in shown], _names(shown)
         compared, beside["several"] = several.beside(names, results, store.arrays)
         main = [several.contents(names, results), element("main", compared, sections)]
-    noscript = element("p", "Drawings and plots need JavaScript; the tables do not.", class_="note")
+    noscript = element(
+        "p", "The drawing and plots over time need JavaScript; tables and other plots do not.", class_="note"
+    )
     body = [
         None if alone else element("header", element("h1", heading)),
         element("noscript", noscript),
