@@ -8,7 +8,7 @@ import inspect
 import math
 import os
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -117,6 +117,29 @@ StoredResults = Annotated[
         metavar="RESULT...", help="Output directories of runs, or their result.h5.", show_default=False
     ),
 ]
+
+
+# by the shells' scripts: the line as it stands
+LINES = ("COMP_WORDS", "_TYPER_COMPLETE_ARGS")
+
+
+def complete_keys(incomplete: str) -> list[str]:
+    """Return the keys of the scene on the line, for the shell.
+
+    The parser stops at an option without a value, so the scene is the first word of the line that is a YAML file.
+    """
+    from robodyn_cli.scene.text.offered import offered_keys
+
+    words = [word.strip("'\"") for name in LINES for word in os.environ.get(name, "").split()]
+    scene = next((word for word in words if word.endswith((".yaml", ".yml"))), None)
+    return [] if scene is None else offered_keys(os.path.expanduser(scene), incomplete)
+
+
+def beginning(names: Iterable[str], begun: str) -> list[str]:
+    """Return the names that a shell offers for the begin of one."""
+    return [name for name in names if name.startswith(begun)]
+
+
 OutDir = Annotated[
     Path | None,
     typer.Option("--out", "-o", metavar="DIR", help="Output directory. [default: outputs/<scene>/<command>]"),
@@ -127,6 +150,7 @@ Overrides = Annotated[
         "--set",
         metavar="KEY=VALUE",
         parser=utf8,
+        autocompletion=complete_keys,
         help="Override a key of the scene, e.g. simulate.rtol=1e-12.",
     ),
 ]

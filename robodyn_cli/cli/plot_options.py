@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.commands import PLOT_FORMATS, PLOT_STYLES
+from robodyn_cli.commands import COMMANDS, PLOT_FORMATS, PLOT_STYLES
 from robodyn_cli.errors import did_you_mean
 
 
@@ -41,10 +41,23 @@ def plot_list(words: str) -> tuple[str, ...]:
     return names
 
 
+def complete_plots(incomplete: str) -> list[str]:
+    """Return the plots that begin with the last name of a list with commas, behind the others, for the shell."""
+    before, comma, begun = incomplete.rpartition(",")
+    names = dict.fromkeys(place.partition(":")[2] for row in COMMANDS.values() for place in row.plots)
+    return [f"{before}{comma}{name}" for name in names if name.startswith(begun)]
+
+
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
 PlotNames = Annotated[
     Any,
-    typer.Option("--plots", metavar="NAME,...", parser=plot_list, help="Draw these plots. [default: all]"),
+    typer.Option(
+        "--plots",
+        metavar="NAME,...",
+        parser=plot_list,
+        autocompletion=complete_plots,
+        help="Draw these plots. [default: all]",
+    ),
 ]
 PlotFormat = Annotated[
     str,

@@ -7,12 +7,16 @@ import dataclasses
 import importlib
 import inspect
 import re
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+import typer.main
 
+from robodyn_cli.cli.app import app
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS, places
 from robodyn_cli.errors import OF_STATUS
 from robodyn_cli.over.many.command import BatchCommand
@@ -198,3 +202,17 @@ def test_no_command_is_silent_for_long() -> None:
         if not {"console.waiting(", "run_scene("} & set(re.findall(r"[\w.]+\(", path.read_text()))
     }
     assert silent == {"cache", "check", "new", "schema"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_in_the_help_parse_and_name_scenes_that_exist(name: str) -> None:
+    group: Any = typer.main.get_command(app)
+    command = group.get_command(None, name)
+    examples = importlib.import_module(f"robodyn_cli.cli.commands.{name.replace('-', '_')}").EXAMPLES
+    assert len(examples) >= (3 if name != "schema" else 2)  # which has no options
+    for example in examples:
+        first, *words = shlex.split(example.partition(" > ")[0])
+        assert first == name
+        command.make_context(name, list(words))
+        for word in words:
+            assert not word.startswith("configs/") or list(ROOT.glob(word)), word

@@ -7,12 +7,30 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robodyn_cli.cli.options import Told, utf8
+from robodyn_cli.cli.options import Told, beginning, utf8
 
 if TYPE_CHECKING:
     from robodyn_cli.cli.console import Console
     from robodyn_cli.robots.collection import StarterRobot
     from robodyn_cli.scene.starters import Starter
+
+
+def _kinds(incomplete: str) -> list[str]:
+    from robodyn_cli.scene.starters import STARTERS
+
+    return beginning(STARTERS, incomplete)
+
+
+def _robots(incomplete: str) -> list[str]:
+    from robodyn_cli.robots.collection import ROBOTS
+
+    return beginning(ROBOTS, incomplete)
+
+
+def _examples(incomplete: str) -> list[str]:
+    from robodyn_cli.robots.examples import example_names, examples_folder
+
+    return beginning(example_names(examples_folder()), incomplete)
 
 
 EXAMPLES = (
@@ -27,6 +45,7 @@ def command(
         str | None,
         typer.Argument(
             metavar="[KIND]",
+            autocompletion=_kinds,
             show_default=False,
             help="inverse, joint, waypoints, stops, lines, table, path, simulate, body, loop, mechanism, kinematics, "
             "statics, assemble or deploy; none with --from.",
@@ -46,6 +65,7 @@ def command(
             "--from",
             metavar="ROBOT",
             parser=utf8,
+            autocompletion=_robots,
             help="A robot with the sources of its constants in place of KIND: planar_2r, planar_3r, scara, puma560, "
             "seven_joint_arm, cart_pole, furuta_pendulum, delta, five_bar, slider_crank, watt_six_bar, scissor_mast "
             "or stewart_platform.",
@@ -57,6 +77,7 @@ def command(
             "--example",
             metavar="NAME",
             parser=utf8,
+            autocompletion=_examples,
             help="An example scene in place of KIND, with the files that it reads: 2r_circle, double_pendulum, "
             "four_bar_deploy, mechanisms/solar_array, ...; an unknown NAME lists all.",
         ),

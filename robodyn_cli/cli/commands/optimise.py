@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, pairs, utf8, variations
+from robodyn_cli.cli.options import (
+    Jobs,
+    SceneFile,
+    SharedOptions,
+    complete_keys,
+    number,
+    pairs,
+    utf8,
+    variations,
+)
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
@@ -40,7 +49,7 @@ def command(
     scene: SceneFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=complete_keys,
                      help="Key of the scene and its bounds, 'uniform(low, high)', or its choices, '[a, b]'."),
     ] = None,
     minimise: Annotated[

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, utf8, variations
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, complete_keys, number, utf8, variations
 from robodyn_cli.cli.plot_options import choice
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
@@ -45,7 +45,7 @@ def command(
     scene: SceneFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=complete_keys,
                      help="Key of the scene and what it varies over, e.g. robot.links.link1.mass='normal(13, 5 %)'."),
     ] = None,
     n: Annotated[
