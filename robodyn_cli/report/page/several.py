@@ -284,7 +284,10 @@ def _compare(labels: Sequence[str], found: Sequence[SideBySide], data: Mapping[s
     )
     left = len(found) - MOST_FIGURES
     more = f" {left} more figures, those that differ least, stand with each result." if left > 0 else ""
-    legend = "≠ differ by more than their errors; ≈ differ within them; blank: the result has no such figure."
+    legend = (
+        "≠ differ by more than their errors; ≈ differ within them; blank: the result has no such figure. "
+        "A difference without ± is of figures of which one states no error."
+    )
     parts = [
         element("h2", "Side by side", id="side-by-side"),
         element("p", [to, few], class_="controls"),
