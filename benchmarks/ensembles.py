@@ -189,6 +189,11 @@ def work_precision(count: int, repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
+def told(ratio: float) -> str:
+    """Return a ratio in words, a dash where heyoka's errors are all larger or smaller."""
+    return f"{ratio:.2f}" if np.isfinite(ratio) else "-"
+
+
 def threads(count: int, repeats: int) -> dict[str, Any]:
     """Return how much faster two threads are than one, by the clock."""
     run = Ensemble(count).ours("dop853")
@@ -384,8 +389,8 @@ def main() -> None:
             print("\n" + measure.table([
                 ["double pendulums", "tolerance", "runs/s", "median error", "to heyoka", "99 % error", "to heyoka"],
                 *([r["way"], f"{r['tolerance']:.0e}", f"{r['runs'] / r['seconds']:.0f}",
-                   f"{r['error']:.1e}", f"{r['to_batch_error']:.2f}",
-                   f"{r['error_99']:.1e}", f"{r['to_batch_error_99']:.2f}"] for r in precise),
+                   f"{r['error']:.1e}", told(r["to_batch_error"]),
+                   f"{r['error_99']:.1e}", told(r["to_batch_error_99"])] for r in precise),
             ]))  # fmt: skip
 
 
