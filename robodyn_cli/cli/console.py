@@ -37,6 +37,8 @@ COLOURS = {
     "failed": "31", "error": "31", "differs": "31", "missing": "31", "unreadable": "31", "stopped": "33", "extra": "33",
     "robodyn: error:": "31", "robodyn: warning:": "33",
 }  # fmt: skip
+# by terminals of Windows that paint; its older console prints the codes themselves
+PAINTING = ("WT_SESSION", "ANSICON", "ConEmuANSI", "TERM")
 _COLOURED = re.compile(rf"(?:{'|'.join(sorted(COLOURS, key=len, reverse=True))})(?= )")
 _GAP = re.compile(r"\s{2,}(?=\S)")  # between a label and its text
 
@@ -264,7 +266,9 @@ def _wrapped(line: str, columns: int) -> str:
 
 def _has_colours() -> bool:
     """Tell whether colours are wanted (https://no-color.org)."""
-    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return False
+    return sys.platform != "win32" or any(map(os.environ.get, PAINTING))
 
 
 def _painted(line: str) -> str:

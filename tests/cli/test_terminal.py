@@ -72,6 +72,17 @@ def test_colours(line: str, shown: str, columns: pytest.MonkeyPatch) -> None:
     assert fitted(line, Terminal()) == line
 
 
+def test_an_old_console_of_windows_gets_no_codes(columns: pytest.MonkeyPatch) -> None:
+    """It would print them; Windows Terminal tells by a variable that it paints."""
+    line = "ok      scene"
+    columns.setattr(sys, "platform", "win32")
+    for name in console.PAINTING:
+        columns.delenv(name, raising=False)
+    assert fitted(line, Terminal()) == line
+    columns.setenv("WT_SESSION", "1")
+    assert fitted(line, Terminal()) != line
+
+
 def test_a_wide_table_goes_on_below() -> None:
     rows = [["joint", "torque", "speed", "power"], ["theta1", "168.285", "0.16", "20.6"]]
     assert table(rows).splitlines() == ["  joint    torque  speed  power", "  theta1  168.285   0.16   20.6"]
