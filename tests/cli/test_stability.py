@@ -57,7 +57,7 @@ def test_suite_quick(in_turn: None, tmp_path: Path) -> None:
 
 def test_scene(tmp_path: Path) -> None:
     scene = CONFIGS / "benchmarks" / "simple_pendulum.yaml"
-    done = invoke("stability", scene, "--quick", "--out", tmp_path)
+    done = invoke("stability", scene, "--quick", "-v", "--out", tmp_path)
     assert done.code == 0 and "largest steps" in done.out
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert {"load", "reference", "spectrum", "methods", "energy", "write", "plots"} <= set(
