@@ -240,7 +240,7 @@ def test_scenes_and_overrides_of_every_kind_are_the_same(scene: Path) -> None:
         (lambda s: robodyn.sweep(s, n=2.5), "n: '2.5'; allowed: a whole number >= 1"),
         (lambda s: robodyn.sweep(s, of={"a": 1}), "of: .* is a map"),
         (lambda s: robodyn.sweep(s, yield_=2), "yield_: '2'; allowed: a number from 0 to 1"),
-        (lambda s: robodyn.size(s, margin=2), "margin: '2'; allowed: a number >= 0 and <= 0.99"),
+        (lambda s: robodyn.size(s, margin=2), "margin: '2'; allowed: a number from 0 to 0.99"),
         (lambda s: robodyn.crosscheck(s), "with_ is missing"),
         (lambda s: robodyn.compare(s, 3), "baseline: 3; allowed: a path or a result"),
         (lambda s: robodyn.run([user_scene()]), "a scene in memory"),
