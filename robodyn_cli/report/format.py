@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from contextvars import ContextVar
 
 from robodyn_cli.record import record
 
@@ -33,19 +34,19 @@ FORMATS = {
     "paper": FigureFormat(3.5, False, 300),
     "slides": FigureFormat(5.0, True, 240),
 }
-_set = [FORMATS["screen"]]
+_current = ContextVar("format of figures", default=FORMATS["screen"])
 
 
 def current() -> FigureFormat:
     """Return the format in which figures are drawn now."""
-    return _set[-1]
+    return _current.get()
 
 
 @contextlib.contextmanager
 def formatted(one: FigureFormat | None) -> Iterator[None]:
     """Draw in a format inside the context; None: in that of the screen."""
-    _set.append(one or FORMATS["screen"])
+    before = _current.set(one or FORMATS["screen"])
     try:
         yield
     finally:
-        _set.pop()
+        _current.reset(before)

@@ -23,6 +23,7 @@ WRITERS = {
     "kernels/cache.py: CompileReport.spend": "a context variable",
     "record.py: _equip": "while a module is imported, once",
     "report/canvas.py: print_figure": "NOT SAFE, as matplotlib: docs/python.md",
+    "report/format.py: formatted": "a context variable",
     "report/style.py: styled": "NOT SAFE, as matplotlib: docs/python.md",
     "results/atomic.py: uninterrupted": "in the main thread alone",
     "foreign.py: survive": "the child only asks a library, h5py holds its own lock across a fork",

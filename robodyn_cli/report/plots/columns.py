@@ -27,7 +27,7 @@ LETTERS, LONGEST = 7.0, 30  # of names beside rows: their size [pt], the longest
 MEASURED = {
     "start": "change from the start, blue: below, red: above",
     "zero": "blue: negative, red: positive",
-    "size": "magnitudes, light to dark",
+    "magnitude": "magnitudes, light to dark",
 }
 
 
@@ -38,7 +38,7 @@ def draw_map(result: Result, shown: DrawnCurves, quantity: str, subtitle: str, s
     Positions are counted from the start, since what they start at would hide the motion.
     """
     groups = shown.groups()
-    kind = "start" if shows == "q" else "size" if np.nanmin(shown.data, initial=0.0) >= 0.0 else "zero"
+    kind = "start" if shows == "q" else "magnitude" if np.nanmin(shown.data, initial=0.0) >= 0.0 else "zero"
     height = float(np.clip(ROW * len(shown.names), LOWEST, HIGHEST)) / len(groups)
     sheet = TimeSheet(
         result,
@@ -84,7 +84,7 @@ def _map(ax: Axes, time: Array, shown: DrawnCurves, kind: str, names: Sequence[s
     extent = (time[0] - half, time[-1] + half, count + 0.5, 0.5)
     # lightness grows with the size, so a grey print keeps the order
     look: dict[str, Any] = (
-        {"cmap": "Blues", "vmin": 0.0} if kind == "size" else {"cmap": "RdBu_r", "vmin": -1.3}
+        {"cmap": "Blues", "vmin": 0.0} if kind == "magnitude" else {"cmap": "RdBu_r", "vmin": -1.3}
     )
     image = scaled[np.ix_(evenly(len(time), INSTANTS), rows)].T
     ax.imshow(image, aspect="auto", extent=extent, interpolation="nearest", vmax=1.3, **look)
@@ -98,7 +98,7 @@ def _map(ax: Axes, time: Array, shown: DrawnCurves, kind: str, names: Sequence[s
             textcoords="offset points", fontsize=LETTERS, va="center", annotation_clip=False,
         )  # fmt: skip
     if few and len(time) > 1:
-        base, size = (0.45, 0.9) if kind == "size" else (0.0, 0.45)
+        base, size = (0.45, 0.9) if kind == "magnitude" else (0.0, 0.45)
         curves = (k + 1 + base - size * scaled[:, k] for k in range(count))
         lines = [np.column_stack(envelope(time, y, 200)) for y in curves]
         ax.add_collection(LineCollection(lines, colors=style.BLACK, linewidths=0.6), autolim=False)
