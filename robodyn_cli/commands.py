@@ -260,9 +260,9 @@ COMMANDS: dict[str, Command] = {
         "Check a result against what its scene expects.", RESULTS, summary=("checks:CheckReport",)
     ),
     "compare": Command(
-        "Compare two results, or two directories of results.",
+        "Compare two results, two directories of results, or the figures of several.",
         RESULTS,
-        summary=("checks:ComparisonReport", "checks:TreeReport"),
+        summary=("checks:ComparisonReport", "checks:TreeReport", "checks:VariantsReport"),
     ),
     "crosscheck": Command(
         "Compare a scene with Pinocchio, MuJoCo or Drake.",

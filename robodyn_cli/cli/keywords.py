@@ -25,7 +25,7 @@ OF_TERMINALS = {"json": "a result has its summary as a map", "quiet": "nothing i
                 "verbose": "nothing is printed"}  # fmt: skip
 SCENES = ("scene", "scenes", "source")  # arguments that may be a scene of any source
 OVERRIDES = "overrides"
-RESULTS = ("result", "results", "baseline", "source")  # arguments that may be a result in memory
+RESULTS = ("result", "results", "baseline", "more", "source")  # arguments that may be a result in memory
 
 
 @record

@@ -7,6 +7,7 @@ from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import ABSENT, ANY, Absent, fact
 
 OF_DATASET = "unit of the dataset"
+OF_FIGURE = "`unit`"
 
 
 @record
@@ -144,6 +145,39 @@ class TreeReport:
     rtol: float = fact("relative tolerance")
     atol: float = fact("absolute tolerance", OF_DATASET)
     results: list[ResultReport] = fact("how each compares")
+
+
+@record
+class VariantValue:
+    """A figure of one of several results."""
+
+    value: float | int | str | None = fact("of the result; `null` where it has no such figure", OF_FIGURE)
+    unit: str = fact("of the value")
+    error: float | None = fact("that the result states of it", OF_FIGURE)
+    difference: float | None = fact(
+        "to the value of the first result; `null` of that itself, and of what is no number",
+        OF_FIGURE, errors=(".difference_error",),
+    )  # fmt: skip
+    difference_error: float | None = fact("sum of both errors; `null` where one is not stated", OF_FIGURE)
+
+
+@record
+class VariantFigure:
+    """A figure of several results."""
+
+    key: str = fact("of the summary, or of the scene; `outcome`: how the run ended")
+    given: bool = fact("whether it is a key of the scene")
+    verdict: str = fact("`differs` by more than the errors, `within` them, or `equal` in all results")
+    values: list[VariantValue] = fact("of each result")
+
+
+@record
+class VariantsReport:
+    """What ``compare --figures`` says of several results."""
+
+    status: str = fact("`ok`")
+    results: list[str] = fact("what they are called: ends of their paths")
+    figures: list[VariantFigure] = fact("what tells the scenes apart, then what differs, then the rest")
 
 
 @record

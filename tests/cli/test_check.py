@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -106,6 +107,43 @@ def test_different_results(results: dict[str, Path]) -> None:
 def test_different_shapes(results: dict[str, Path]) -> None:
     code, output = invoke("compare", results["longer"], results["same"])
     assert code == 1 and "(41,) instead of (21,)" in output and "41 samples instead of 21" in output
+
+
+def test_figures_of_several_results(results: dict[str, Path]) -> None:
+    """Differences are to the first, with the sum of both errors; text, CSV and LaTeX say the same."""
+    places = [results[name] for name in ("same", "other", "longer")]
+    code, output = invoke("compare", *places, "--figures", "--json")
+    report = json.loads(output)
+    assert code == 0 and report["results"] == ["same", "other", "longer"]
+    figures = {one["key"]: one for one in report["figures"]}
+    given = [key for key, one in figures.items() if one["given"]]
+    assert given == ["trajectory.q.swing", "inverse.samples"]
+    torque = figures["joints.swing.peak_torque"]
+    assert torque["verdict"] == "differs" and torque["values"][0]["difference"] is None
+    first = torque["values"][0]
+    for one in torque["values"][1:]:
+        assert one["unit"] == "N m" and one["difference"] == one["value"] - first["value"]
+        assert one["difference_error"] == one["error"] + first["error"] > 0.0
+    assert abs(torque["values"][1]["difference"]) > torque["values"][1]["difference_error"]
+    rows = list(csv.DictReader(invoke("compare", *places, "--figures", "--csv")[1].splitlines()))
+    assert {row["key"] for row in rows} == set(figures)
+    row = next(row for row in rows if row["key"] == "joints.swing.peak_torque")
+    assert float(row["other less same"]) == torque["values"][1]["difference"]
+    text = invoke("compare", *places, "--figures")[1]
+    line = next(line for line in text.splitlines() if "joints.swing.peak_torque" in line)
+    assert line.count("±") == 5 and "≠ " in line and " +0 " not in text and " 0 ± " in text
+    lines = invoke("compare", *places, "--figures", "--latex")[1].splitlines()
+    cells = [line.count("&") for line in lines if line.endswith(r"\\")]
+    assert set(cells) == {6} and len(cells) == len(text.splitlines()) - 1
+    assert invoke("compare", places[0], places[0], "--figures")[1].endswith(
+        "figures are equal in all results\n"
+    )
+
+
+def test_figures_that_are_asked_for_wrongly(results: dict[str, Path]) -> None:
+    one = results["same"]
+    for words in ([one, "--csv"], [one, "--latex"], [one, one], [one, "--figures", "--csv", "--latex"]):
+        assert invoke("compare", one, *words)[0] == 2, words
 
 
 def test_criteria_are_stored_with_the_result(results: dict[str, Path]) -> None:

@@ -24,9 +24,9 @@ from robodyn_cli.report.canvas import below_heading
 from robodyn_cli.report.drawing.bodies import traced_bodies
 from robodyn_cli.report.figures import shown_errors, shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
+from robodyn_cli.report.page.compared import SideBySide, compared
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.page import Shown, _plot, make_page
-from robodyn_cli.report.page.several import SideBySide, compared
 from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import (
     Html,

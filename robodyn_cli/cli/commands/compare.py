@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     from robodyn_cli.results.result import Result
 
 PLURAL = {"equal": "agree", "differs": "differ"}
+LEGEND = "≠ differs by more than both errors, ≈ within them; without ± one of the two states no error"
 WORDS = {"missing": "only in the baseline", "extra": "only in the results"}
 
 
 EXAMPLES = (
     "compare outputs/first outputs/second",
     "compare outputs baseline",
-    "compare outputs/first outputs/second --json",
+    "compare outputs/first outputs/second outputs/third --figures",
 )
 
 
@@ -40,18 +41,59 @@ def command(
         Path,
         typer.Argument(metavar="BASELINE", help="What it is compared with, likewise.", show_default=False),
     ],
+    more: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="MORE", help="Further results, with --figures.", show_default=False),
+    ] = None,
     rtol: RelativeTolerance = RTOL,
     atol: AbsoluteTolerance = ATOL,
+    figures: Annotated[
+        bool,
+        typer.Option("--figures", help="The figures of all, with their differences to those of RESULT."),
+    ] = False,
+    latex: Annotated[bool, typer.Option("--latex", help="Figures as a table for LaTeX.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Figures as CSV, with all digits.")] = False,
     *,
     told: Told,
 ) -> int:
     """Compare two stored results, or all results below two directories; return 1 where they differ."""
+    from robodyn_cli.errors import CapabilityError
     from robodyn_cli.over.batch.stored import is_tree
 
     console = told.console
+    asked = [name for name, wanted in (("--latex", latex), ("--csv", csv), ("MORE", more)) if wanted]
+    if figures:
+        if latex and csv:
+            raise CapabilityError("--latex and --csv: allowed: one form at a time")
+        return _figures(
+            [result, baseline, *(more or ())], "latex" if latex else "csv" if csv else "", console
+        )
+    if asked:
+        raise CapabilityError(f"{asked[0]}: allowed with --figures alone")
     if is_tree(result) or is_tree(baseline):
         return _trees(result, baseline, rtol, atol, console)
     return _two(result, baseline, rtol, atol, console)
+
+
+def _figures(results: list[Path], form: str, console: Console) -> int:
+    from robodyn_cli.cli.words import table
+    from robodyn_cli.over.batch.variants import csv_text, latex_text_of, text_rows, variants
+    from robodyn_cli.results.summary import as_keys, jsonable
+
+    with console.waiting(lambda: "comparing"):
+        report = variants(results)
+    console.data(jsonable(as_keys(report)))
+    if form:
+        console.say(csv_text(report) if form == "csv" else latex_text_of(report))
+        return 0
+    rows = text_rows(report)
+    equal = len(report.figures) - len(rows) + 1
+    if len(rows) == 1:
+        console.say(f"{equal} figures are equal in all results")
+        return 0
+    console.say(table(rows))
+    console.say(LEGEND + (f"; {equal} more are equal in all" if equal else ""))
+    return 0
 
 
 def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:

@@ -1,0 +1,115 @@
+"""Figures of several results beside one another: which there are, and whether they differ beyond their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from robodyn_cli.commands import COMMANDS
+from robodyn_cli.record import record
+from robodyn_cli.report.page.summary import told_of
+from robodyn_cli.report.page.tables import Quantity, written
+from robodyn_cli.report.page.verdict import verdicts
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.text.leaves import leaves_of_text
+from robodyn_cli.summaries.keys import leaf_of
+
+LACKING = 12  # keys that only some scenes have; more are scenes of different things
+DIFFER, WITHIN = "differ", "within"  # what marks figures: more apart than their errors, or less
+
+
+@record
+class SideBySide:
+    """A figure of several results: its name, what each has (None where it has none), whether it is of the scene."""
+
+    name: str
+    values: Sequence[Any]
+    given: bool = False
+
+    @property
+    def mark(self) -> str:
+        """Whether the values differ, beyond the errors of both, or within them; empty where they are equal."""
+        there = [value for value in self.values if value is not None]
+        numbers = [number_of(value) for value in there]
+        if all(one is not None for one in numbers):
+            low = max((x - e for x, e in filter(None, numbers)), default=0.0)
+            high = min((x + e for x, e in filter(None, numbers)), default=0.0)
+            if low > high:
+                return DIFFER
+            return WITHIN if len({x for x, _ in filter(None, numbers)}) > 1 else ""
+        return DIFFER if len({written(value) for value in there}) > 1 else ""
+
+    def difference(self, k: int) -> Quantity | None:
+        """Return the k-th value less the first, with the sum of both errors where both are stated; None where they are
+        not numbers in the same unit."""
+        one, other = number_of(self.values[k]), number_of(self.values[0])
+        if one is None or other is None or unit_of(self.values[k]) != unit_of(self.values[0]):
+            return None
+        known = error_of(self.values[k]) is not None and error_of(self.values[0]) is not None
+        return Quantity(one[0] - other[0], unit_of(self.values[k]), one[1] + other[1] if known else None)
+
+
+def number_of(value: Any) -> tuple[float, float] | None:
+    """Return a number and its error, 0 where none is stated."""
+    inner, error = (value.value, value.error) if isinstance(value, Quantity) else (value, None)
+    plain = isinstance(inner, int | float) and not isinstance(inner, bool) and math.isfinite(inner)
+    return (float(inner), error or 0.0) if plain else None
+
+
+def unit_of(value: Any) -> str:
+    """Return the unit of a value, empty where it has none."""
+    return value.unit if isinstance(value, Quantity) else ""
+
+
+def error_of(value: Any) -> float | None:
+    """Return the error that is stated of a value; None where none is."""
+    return value.error if isinstance(value, Quantity) else None
+
+
+def compared(results: Sequence[Result]) -> list[SideBySide]:
+    """Return what tells scenes apart, how runs ended, and the figures that any of the results has."""
+    ends = [", ".join(one.words for one in verdicts(result)) for result in results]
+    found = [SideBySide("outcome", ends), *_of_scenes(results)]
+    told = [dict(_figures(result)) for result in results]
+    names = list(dict.fromkeys(name for one in told for name in one))
+    figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
+    return [*found, *sorted(figures, key=lambda one: one.mark != DIFFER)]
+
+
+def _of_scenes(results: Sequence[Result]) -> Iterator[SideBySide]:
+    """Yield keys of the scenes that have other values in some of them; those that some lack if these are few."""
+    scenes = [leaves_of_text(result.scene_text) for result in results]
+    changed, lacking = [], []
+    for key in dict.fromkeys(key for one in scenes for key in one):
+        values = [one.get(key) for one in scenes]
+        there = {value for value in values if value is not None}
+        if len(there) > 1 and key != "title":
+            changed.append(SideBySide(key, values, given=True))
+        elif None in values:
+            lacking.append(SideBySide(key, values, given=True))
+    yield from changed
+    if len(lacking) <= LACKING:
+        yield from lacking
+
+
+def _figures(result: Result) -> Iterator[tuple[str, Any]]:
+    """Yield the figures of a result that have an error, or a place among the main ones, by their keys."""
+    if result.command in COMMANDS:
+        for key, value in _flat(told_of(result)):
+            leaf = leaf_of(result.command, key)
+            told = leaf is not None and not leaf.fact.about_run and (leaf.errors or leaf.fact.column)
+            if told and number_of(value) is not None:
+                yield key, value
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    items: Any = ()
+    if isinstance(value, Mapping):
+        items = value.items()
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        items = enumerate(value)
+    else:
+        yield key, value
+    for name, item in items:
+        yield from _flat(item, f"{key}.{name}" if key else str(name))
