@@ -60,8 +60,9 @@ def _figure(one: SideBySide) -> VariantFigure:
 def _value(one: SideBySide, k: int) -> VariantValue:
     value = one.values[k]
     plain = value.value if isinstance(value, Quantity) else value
-    off = one.difference(k) if k and number_of(value) is not None else None
-    return VariantValue(plain, unit_of(value), error_of(value), off and off.value, off and off.error)
+    off = one.difference(k) if k else None
+    less = (None, None) if off is None else (off.value, off.error)
+    return VariantValue(plain, unit_of(value), error_of(value), *less)
 
 
 # -- text -----------------------------------------------------------------------------------------------------
