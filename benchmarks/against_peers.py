@@ -115,6 +115,7 @@ def timed(rows: list[dict[str, Any]], runs: list[Callable[[], Any]], repeats: in
             found.append(row["each"])
     for row, found in zip(rows, samples):
         row["us"] = 1e6 * statistics.median(found) if found else float("nan")
+        measure.noted(row["engine"], found)
         row.pop("each", None)
         row.pop("first", None)
 

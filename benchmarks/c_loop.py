@@ -104,6 +104,8 @@ def bench(report: measure.Report, rounds: int, repeats: int) -> None:
                 took, last = map(float, out.stdout.split())
                 assert abs(last - end) <= 1e-10, (last, end)
                 times[label].append(took)
+    for label, taken in times.items():
+        measure.noted(label, taken)
     for label, (_, compiling) in programs.items():
         row: dict[str, Any] = {
             "compiler": f"gcc {label}", "compile_s": compiling, "motion_us": measure.median(times[label]),

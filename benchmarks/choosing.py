@@ -121,6 +121,7 @@ def curve(
                 seconds.append(time.perf_counter() - began)
         except NumericalError:
             continue
+        measure.noted(method, seconds)
         points.append(Point(error, min(seconds), tolerance))
     return points
 

@@ -348,7 +348,7 @@ def studies(count: int, turns: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     chosen = measure.command_line(__doc__).parse_args()
-    count, repeats = (50, 1) if chosen.quick else (10_000, 5)
+    count, repeats = (96, 2) if chosen.quick else (10_000, 5)
     measure.print_machine()
     with measure.reporting(chosen.json) as report:
         heyoka, casadi = report.has("heyoka"), report.has("casadi")
@@ -385,7 +385,9 @@ def main() -> None:
                 flush=True,
             )
         with report.part("error over run time"):
-            precise = report.more["work_precision"] = work_precision(count // 5, repeats) if heyoka else []
+            precise = report.more["work_precision"] = (
+                work_precision(max(count // 5, 200), repeats) if heyoka else []
+            )
             print("\n" + measure.table([
                 ["double pendulums", "tolerance", "runs/s", "median error", "to heyoka", "99 % error", "to heyoka"],
                 *([r["way"], f"{r['tolerance']:.0e}", f"{r['runs'] / r['seconds']:.0f}",

@@ -53,6 +53,7 @@ def bench(report: measure.Report, count: int, repeats: int) -> None:
                 more = [repr(step), str(count), str(first), str(last - first + 1)]
                 done = subprocess.run([*words, *more], check=True, capture_output=True, text=True)
                 times.append(float(done.stdout.split()[0]))
+            measure.noted(label, times)
             row = {
                 "step": label,
                 "steps": count,

@@ -146,6 +146,7 @@ def bench(report: measure.Report, arm: arms.Arm, poses: int, repeats: int) -> No
             found = solver.solve(p, R, near=q0)
             times.append((time.process_time() - start) / poses * 1e6)
         name = "robodyn, all branches" if method == "auto" else "robodyn, damped steps"
+        measure.noted(name, times)
         row(name, statistics.median(times), found.q)
     for starts in (1, STARTS):
         name = "Pinocchio, 1 start" if starts == 1 else f"Pinocchio, {starts} starts"

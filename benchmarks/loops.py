@@ -151,6 +151,7 @@ def own_run(
             times.append(time.process_time() - began)
     except RobodynError as error:
         return {"error": float("nan"), "steps": 0, "evaluations": 0, "ms": float("nan"), "note": str(error)}
+    measure.noted("robodyn", times)
     counters = integrator.counters
     centres = np.array([m.centres(x) for x in q])
     return {

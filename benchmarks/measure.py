@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import math
 import os
 import platform
 import statistics
@@ -30,6 +31,34 @@ def single_thread() -> None:
     """Keep numerical libraries to one thread; call before they are imported."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
+
+
+SPREADS: list[tuple[float, str]] = []  # of all timings so far, with their names
+
+
+def noted(name: Any, seconds: Sequence[float]) -> None:
+    """Keep for the report by what part of their median the middle half of the repeats of a timing differs."""
+    name = name if isinstance(name, str) else " ".join(map(str, name))
+    values = sorted(seconds)
+    if len(values) > 1 and values[0] > 0.0:
+        low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
+        SPREADS.append(((high - low) / middle, name))
+
+
+def spread() -> dict[str, Any]:
+    """Return the usual and the widest spread of the timings so far, which may be none."""
+    if not SPREADS:
+        return {}
+    most, name = max(SPREADS)
+    return {"timings": len(SPREADS), "median": median([x for x, _ in SPREADS]), "most": most, "of": name}
+
+
+def warmed(call: Callable[[], Any], samples: int) -> None:
+    """Call a function of so many samples until its code is what it stays: longer programs are interpreted at first."""
+    from robodyn_cli.kernels.samples import MANY
+
+    for _ in range(-(-MANY // samples)):
+        call()
 
 
 def alternate(
@@ -62,12 +91,16 @@ def alternate(
             for _ in range(calls[name]):
                 action()
             found[name].append((time.process_time() - start) / calls[name])
+    for name, seconds in found.items():
+        noted(name, seconds)
     return found
 
 
 def command_line(doc: str | None) -> argparse.ArgumentParser:
     """Return the parser that all benchmarks share, with ``--quick`` and ``--json``; its help is the script's text."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
     parser.add_argument(
         "--quick", action="store_true", help="smaller, with fewer repeats: a look, not figures"
     )
@@ -109,7 +142,7 @@ class Report:
 
 @contextmanager
 def reporting(path: str | None) -> Iterator[Report]:
-    """Yield an empty report, and write it at the end, after an error or an interrupt too.
+    """Yield an empty report, and write it at the end, after an error or an interrupt too, with the spread of timings.
 
     Raises
     ------
@@ -121,12 +154,28 @@ def reporting(path: str | None) -> Iterator[Report]:
     finally:
         if report.failed:
             print("\n" + table([["failed", "why"], *map(list, report.failed.items())], left=2))
+        scatter = spread()
+        if scatter:
+            print(
+                f"\nSpread: the middle half of a timing's repeats lies within {scatter['median']:.0%} "
+                f"(median of {scatter['timings']}), at most {scatter['most']:.0%} ({scatter['of']})"
+            )
         if path:
-            kept = {**report.more, "failed": report.failed, "absent": report.absent}
-            text = json.dumps({"machine": machine(), "rows": report.rows, **kept}, indent=2)
+            kept = {**report.more, "failed": report.failed, "absent": report.absent, "spread": scatter}
+            found = {"machine": machine(), "quick": "--quick" in sys.argv, "rows": report.rows, **kept}
+            text = json.dumps(finite(found), indent=2, allow_nan=False)
             Path(path).write_text(text + "\n", encoding="utf-8")
     if report.failed:
         raise SystemExit(1)
+
+
+def finite(value: Any) -> Any:
+    """Return data for JSON, which has no word for numbers that are not finite: they are None."""
+    if isinstance(value, Mapping):
+        return {key: finite(x) for key, x in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(x) for x in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def cold_and_cached(code: str, text: str = "") -> tuple[float, float]:

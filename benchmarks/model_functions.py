@@ -22,7 +22,6 @@ import arms  # noqa: E402
 import numpy as np  # noqa: E402
 
 from robodyn_cli import Mechanism, load_scene_text  # noqa: E402
-from robodyn_cli.kernels import samples as sample_kernels  # noqa: E402
 
 Call = Callable[[Any, Any, Any], Any]
 # how many times as fast as Pinocchio each function is to be
@@ -89,9 +88,8 @@ def bench(report: measure.Report, samples: int, repeats: int) -> None:
     states = list(zip(*(np.ascontiguousarray(a) for a in (q, v, x))))
     peers = peer_calls(pin, arms.pinocchio_model(arm)) if pin is not None else {}
     for name, own in own_calls(mechanism).items():
-        for _ in range(-(-sample_kernels.MANY // samples)):
-            own(q, v, x)
-        calls = {"robodyn": lambda f=own: f(q, v, x)}
+        calls: dict[str, Any] = {"robodyn": lambda f=own: f(q, v, x)}
+        measure.warmed(calls["robodyn"], samples)
         if peers:
 
             def loop(f: Call = peers[name]) -> None:
@@ -110,7 +108,7 @@ def bench(report: measure.Report, samples: int, repeats: int) -> None:
 
 def main() -> None:
     options = measure.command_line(__doc__).parse_args()
-    samples, repeats = (1000, 3) if options.quick else (10_000, 15)
+    samples, repeats = 10_000, 3 if options.quick else 15
     measure.print_machine()
     print(f"7-joint arm, {samples} states a call, one core, medians of {repeats} alternating repeats\n")
     with measure.reporting(options.json) as report:

@@ -90,6 +90,7 @@ def bench(n: int) -> dict[str, Any]:
         start = time.process_time()
         steps.advance(END)
         spent.append((time.process_time() - start) / steps.counters.steps)
+    measure.noted(f"{n} loops", spent)
     accurate = Integrator(system, "dop853")
     accurate.reset(0.0, state, Options(rtol=1e-10, atol=1e-12))
     accurate.advance(END)

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ import measure
 
 SLOWER = 1.05
 SCRIPTS = ("throughput.py", "double_pendulum.py", "time_optimal.py")
+SAID = ("tolerance", "asked", "loops")  # numbers that tell rows apart, as words do
 UNITS = ("us", "ms", "seconds", "s")  # the last word of a figure's name
 
 Figures = dict[tuple[str, ...], float]
@@ -60,16 +61,17 @@ def run(tree: Path, script: str, cache: str, quick: bool) -> Figures:
     return figures(script, rows)
 
 
-def figures(script: str, rows: list[dict[str, Any]]) -> Figures:
-    """Return the times among rows; rows with the same words are told apart by their order."""
+def figures(script: str, rows: list[dict[str, Any]], wanted: Callable[[str], bool] | None = None) -> Figures:
+    """Return the times among rows, or what is ``wanted`` by its name; rows of the same words go by their order."""
+    wanted = wanted or _is_time
     found: Figures = {}
     seen: dict[tuple[str, ...], int] = defaultdict(int)
     for row in rows:
-        words = (script, *(str(x) for x in row.values() if isinstance(x, str)))
+        words = (script, *(f"{x}" for key, x in row.items() if isinstance(x, str) or key in SAID))
         number = seen[words]
         seen[words] += 1
         for name, value in row.items():
-            if isinstance(value, (int, float)) and _is_time(name) and value > 0.0:
+            if isinstance(value, (int, float)) and wanted(name) and value > 0.0:
                 found[(*words, str(number), name)] = float(value)
     return found
 

@@ -74,6 +74,7 @@ def bench(runs: int) -> dict[str, Any]:
             seconds.append(time.perf_counter() - start)
             busy.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    measure.noted("size", seconds[1:])
     joints = summary["size"]["joints"].values()
     return {
         "exit_code": code, "sweeps": summary["size"]["sweeps"], "first_s": seconds[0], "s": min(seconds[1:]),

@@ -74,6 +74,7 @@ def bench(arm: arms.Arm, kind: str, samples: int, repeats: int, pin: Any) -> lis
         error = check(arm, q[some], qd[some], given[some], np.array(result[some]))
         rows.append({"work": f"{kind} dynamics, {arm.name}", "engine": engine, "error": error,
                      "result": result.copy()})  # fmt: skip
+    measure.warmed(calls["robodyn"], samples)
     times = measure.alternate(calls, repeats)
     for row in rows:
         seconds = times[row["engine"]]
@@ -91,7 +92,7 @@ def bench(arm: arms.Arm, kind: str, samples: int, repeats: int, pin: Any) -> lis
 
 def main() -> None:
     options = measure.command_line(__doc__).parse_args()
-    samples, repeats = (1000, 3) if options.quick else (10_000, 25)
+    samples, repeats = 10_000, 3 if options.quick else 25
     measure.print_machine()
     print(f"{samples} samples a call, one thread, medians of {repeats} alternating repeats\n")
     with measure.reporting(options.json) as report:

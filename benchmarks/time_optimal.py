@@ -177,6 +177,7 @@ def compared(case: Case, reference: float, calls: int, **how: Any) -> dict[str, 
         start = time.process_time()
         found = case.solve(**how)
         seconds.append(time.process_time() - start)
+    measure.noted("solving", seconds)
     law = found.law
     return {
         "intervals": len(found.s) - 1,

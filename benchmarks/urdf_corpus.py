@@ -39,6 +39,7 @@ def row_of(name: str, path: Path, repeats: int) -> dict[str, Any]:
             start = time.perf_counter()
             load_description(path)
             times.append(time.perf_counter() - start)
+        measure.noted(name, times)
         found = compare(path)
     except RobodynError as error:
         return row | {"refused": error.message.replace(str(path), path.name)}

@@ -1,20 +1,36 @@
-"""Paste what the benchmarks printed into the pages that show it.
+"""Paste what the benchmarks printed into the pages that show it, or keep what they measured as a release's record.
 
-    python benchmarks/throughput.py > RUNS/throughput.txt      (and so on for the others)
-    python docs/make_benchmarks.py RUNS
+    python benchmarks/throughput.py --json RUNS/throughput.json > RUNS/throughput.txt      (and so on for the others)
+    python docs/make_benchmarks.py RUNS                  # the pages
+    python docs/make_benchmarks.py RUNS --record         # benchmarks/history/VERSION.json
+    python docs/make_benchmarks.py --history [WORD ...]  # figures over releases
 
 A page says where: ``<!-- throughput 1 -->`` stands before the first table that ``throughput.txt`` holds, and
 ``<!-- loops all -->`` before everything below the line on the machine, up to the next heading. Pages keep what they
 have where RUNS has no such file. The words around the tables are written by hand: read them again.
+
+A record has what each script wrote, to four digits, with the revision, the machine and the versions of peers. Over
+releases the ratios to peers count, which depend least on the machine: they are shown, or with WORDs every figure whose
+row has all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import re
+import sys
 from pathlib import Path
+from typing import Any
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).resolve().parent
+HISTORY = DOCS.parent / "benchmarks" / "history"
+sys.path.insert(0, str(HISTORY.parent))
+
+import measure  # noqa: E402
+import revisions  # noqa: E402
+
+RATIOS = ("faster", "ratio", "cpu_ratio", "to_batch", "to_batch_error", "to_batch_error_99", "of_differences")
 PAGES = ("benchmarks.md", "benchmarks-rows.md", "choosing-an-integrator.md")
 MARK = re.compile(r"<!-- (\w+) (\d+|all) -->\n\n?")
 
@@ -57,13 +73,102 @@ def filled(page: str, runs: Path) -> str:
     return "".join([*out, page[place:]])
 
 
+def recorded(runs: Path) -> dict[str, Any]:
+    """Return what the scripts wrote as ``NAME.json``, as a release keeps it.
+
+    Raises
+    ------
+    SystemExit : there is none, a part failed, or they are not of one revision, machine and set of versions.
+    """
+    files = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(runs.glob("*.json"))}
+    if not files:
+        raise SystemExit(f"{runs} has no NAME.json of a benchmark")
+    scripts, machines = {}, []
+    for name, found in files.items():
+        if found["failed"]:
+            raise SystemExit(f"{name}.json: {', '.join(found['failed'])} failed")
+        machine = found.pop("machine")
+        scripts[name] = {"load": machine.pop("load", None), **found}
+        machines.append(machine)
+        for key, value in machine.items():
+            if value != machines[0].get(key):
+                raise SystemExit(f"{name}.json: {key} {value}, the others {machines[0].get(key)}")
+    version, revision = (machines[0].pop(key) for key in ("robodyn", "revision"))
+    return {"version": version, "revision": revision, "machine": machines[0], "scripts": scripts}
+
+
+def text_of(record: dict[str, Any]) -> str:
+    """Return a record as JSON with numbers of four digits, a row of figures a line."""
+
+    def short(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: short(x) for key, x in value.items()}
+        if isinstance(value, list):
+            return [short(x) for x in value]
+        return float(f"{value:.4g}") if isinstance(value, float) else value
+
+    text = json.dumps(short(record), indent=1)
+    return re.sub(r"\{[^{}]*\}", lambda row: re.sub(r"\n\s*", " ", row[0]), text) + "\n"
+
+
+def records(folder: Path = HISTORY) -> dict[str, dict[str, Any]]:
+    """Return the records of releases, oldest first."""
+
+    def order(path: Path) -> list[int]:
+        return [int(number) for number in re.findall(r"\d+", path.stem)]
+
+    paths = sorted(folder.glob("*.json"), key=order)
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def released(changelog: str) -> list[str]:
+    """Return the versions of a changelog that are released."""
+    return re.findall(r"^## (\d\S*) \((?!unreleased\))", changelog, re.MULTILINE)
+
+
+def over_releases(found: dict[str, dict[str, Any]], words: list[str]) -> str:
+    """Return a table: the figures that have all words, or the ratios to peers, a column a release."""
+    columns = []
+    for record in found.values():
+        column: dict[str, float] = {}
+        for name, script in record["scripts"].items():
+            for rows in script.values():
+                if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
+                    some = revisions.figures(name, rows, lambda key: bool(words) or key in RATIOS)
+                    column |= {", ".join(key): value for key, value in some.items()}
+        columns.append(column)
+    names = dict.fromkeys(name for column in reversed(columns) for name in column)
+    shown = [name for name in names if all(word in name for word in words)]
+    heads = [
+        version + " (quick)" * all(script["quick"] for script in record["scripts"].values())
+        for version, record in found.items()
+    ]
+    lines = [[name, *(f"{c[name]:.4g}" if name in c else "-" for c in columns)] for name in shown]
+    return measure.table([["figure", *heads], *lines])
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("runs", type=Path, help="folder with the outputs, NAME.txt of benchmarks/NAME.py")
-    runs = parser.parse_args().runs
-    for name in PAGES:
-        page = DOCS / name
-        page.write_text(filled(page.read_text(encoding="utf-8"), runs), encoding="utf-8")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("runs", type=Path, nargs="?", help="folder with the outputs of benchmarks/NAME.py")
+    parser.add_argument(
+        "--record", action="store_true", help="keep RUNS/*.json as the record of their version"
+    )
+    parser.add_argument("--history", nargs="*", metavar="WORD", help="print figures over releases")
+    given = parser.parse_args()
+    if given.history is not None:
+        print(over_releases(records(), given.history))
+    elif given.runs is None:
+        parser.error("RUNS or --history is missing")
+    elif given.record:
+        record = recorded(given.runs)
+        HISTORY.mkdir(exist_ok=True)
+        (HISTORY / f"{record['version']}.json").write_text(text_of(record), encoding="utf-8")
+    else:
+        for name in PAGES:
+            page = DOCS / name
+            page.write_text(filled(page.read_text(encoding="utf-8"), given.runs), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """The benchmarks run, their errors are small, and start-up imports only what it needs. Nothing is timed.
 
 ``-m benchmarks`` runs every script in its quick form beside its peers (`pip install robodyn[peers]`): a script without
-one of them is skipped with its name after it has run, and fails where ROBODYN_PEERS=required.
+one of them is skipped with its name after it has run, and fails where ROBODYN_PEERS=required. ROBODYN_BENCHMARKS names
+a folder that keeps what they write.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def rows_of(file: Path) -> list[dict[str, Any]]:
 @pytest.mark.benchmarks
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_every_script_beside_its_peers(script: str, tmp_path: Path) -> None:
-    file = tmp_path / "rows.json"
+    folder = Path(os.environ.get("ROBODYN_BENCHMARKS", tmp_path))
+    folder.mkdir(exist_ok=True)
+    file = folder / f"{Path(script).stem}.json"
     command = [sys.executable, str(BENCHMARKS / script), "--quick", "--json", str(file)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     written = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
@@ -84,24 +87,24 @@ def test_what_was_measured_is_kept(
 
 
 def test_revisions_are_compared_figure_by_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Times alone, those of rows with the same words by their order; the least of each counts."""
+    """Times alone, those of rows with the same words and tolerance by their order; the least of each counts."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     revisions = importlib.import_module("revisions")
     rows = [
         {"work": "fall", "tolerance": 1e-3, "error": 1e-4, "ms": 2.0, "us_per_sample": 5.0, "runs": 7},
-        {"work": "fall", "tolerance": 1e-6, "error": 1e-7, "ms": 4.0, "us_per_sample": None, "runs": 7},
+        {"work": "fall", "tolerance": 1e-3, "error": 1e-7, "ms": 4.0, "us_per_sample": None, "runs": 7},
     ]
     found = revisions.figures("a.py", rows)
     assert found == {
-        ("a.py", "fall", "0", "ms"): 2.0,
-        ("a.py", "fall", "0", "us_per_sample"): 5.0,
-        ("a.py", "fall", "1", "ms"): 4.0,
+        ("a.py", "fall", "0.001", "0", "ms"): 2.0,
+        ("a.py", "fall", "0.001", "0", "us_per_sample"): 5.0,
+        ("a.py", "fall", "0.001", "1", "ms"): 4.0,
     }
-    first, second = ("a.py", "fall", "0", "ms"), ("a.py", "fall", "1", "ms")
+    first, second = (("a.py", "fall", "0.001", order, "ms") for order in "01")
     old = [{first: 2.0, second: 4.0}, {first: 2.4, second: 4.1}]
     new = [{first: 2.3, second: 9.0}, {first: 3.0, second: 5.0}]
     slower, within = revisions.compared(old, new)
-    assert slower["figure"] == "a.py, fall, 1, ms" and slower["ratio"] == 1.25
+    assert slower["figure"] == "a.py, fall, 0.001, 1, ms" and slower["ratio"] == 1.25
     assert within["ratio"] == pytest.approx(1.15) and within["spread"] == pytest.approx(1.2)
 
 
@@ -326,12 +329,101 @@ def test_start_up_imports(arguments: list[str], absent: set[str], tmp_path: Path
     assert not (absent | {"scipy", "rich"}) & loaded
 
 
-def test_pages_show_tables_of_scripts_that_exist(tmp_path: Path) -> None:
-    """And a table that a run prints anew comes into its place, and nothing else changes."""
+@pytest.fixture
+def pages(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The script that fills the pages and keeps records."""
+    monkeypatch.setattr(sys, "path", sys.path[:])
     spec = importlib.util.spec_from_file_location("make_benchmarks", ROOT / "docs" / "make_benchmarks.py")
     assert spec and spec.loader
-    pages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pages)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_releases_have_their_record(pages: Any) -> None:
+    """Each version of the changelog that is released, and no other; of the commit and the version that it says."""
+    assert pages.released("# A\n\n## 0.3.0 (unreleased)\n\n## 0.2.0 (2026-01-02)\n\n### 9 (x)\n") == ["0.2.0"]
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    records = pages.records()
+    assert set(pages.released(changelog)) <= set(records)
+    for version, record in records.items():
+        assert record["version"] == version and f"\n## {version} (" in changelog
+        assert record["revision"] and not record["revision"].endswith("+")
+        assert {"throughput", "ensembles", "against_peers"} <= set(record["scripts"])
+        assert not any(script["failed"] for script in record["scripts"].values())
+
+
+def test_records_keep_what_scripts_wrote(pages: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To four digits, and only of one revision without a part that failed; releases stand side by side."""
+    monkeypatch.setattr(pages, "HISTORY", tmp_path / "history")
+    runs = tmp_path / "runs"
+    runs.mkdir()
+
+    def write(name: str, ratio: float, **more: Any) -> None:
+        machine = {"cpu": "C", "robodyn": "0.9.0", "revision": "abc", "load": ratio, "pin": "4"}
+        rows = [{"work": "fall", "faster": ratio, "us": 3.0}, {"work": "swing", "error": 1e-9}]
+        found = {
+            "machine": machine | more.pop("machine", {}),
+            "quick": False,
+            "rows": rows,
+            "failed": {},
+        } | more
+        (runs / f"{name}.json").write_text(json.dumps(found), encoding="utf-8")
+
+    def keep() -> dict[str, Any]:
+        monkeypatch.setattr(sys, "argv", ["make_benchmarks.py", str(runs), "--record"])
+        pages.main()
+        return pages.records(tmp_path / "history")  # type: ignore[no-any-return]
+
+    with pytest.raises(SystemExit, match="no NAME.json"):
+        keep()
+    write("one", 2.345678)
+    write("two", 5.0)
+    kept = keep()["0.9.0"]
+    assert kept["revision"] == "abc" and kept["machine"] == {"cpu": "C", "pin": "4"}
+    assert kept["scripts"]["one"]["rows"][0] == {"work": "fall", "faster": 2.346, "us": 3.0}
+    write("one", 3.0, machine={"robodyn": "0.10.0"}, quick=True)
+    write("two", 6.0, machine={"robodyn": "0.10.0"}, quick=True)
+    both = keep()
+    lines = [
+        [cell.strip() for cell in x.split("|")[1:-1]] for x in pages.over_releases(both, []).splitlines()
+    ]
+    assert lines[0] == ["figure", "0.9.0", "0.10.0 (quick)"]
+    assert lines[2:] == [["one, fall, 0, faster", "2.346", "3"], ["two, fall, 0, faster", "5", "6"]]
+    assert "two, swing, 0, error" in pages.over_releases(both, ["swing", "two"])
+    for more, told in (
+        (
+            {"machine": {"revision": "other", "robodyn": "0.10.0"}},
+            r"two\.json: revision other, the others abc",
+        ),
+        ({"failed": {"part": "why"}}, r"two\.json: part failed"),
+    ):
+        write("two", 6.0, **more)
+        with pytest.raises(SystemExit, match=told):
+            keep()
+
+
+def test_spread_is_that_of_the_middle_half(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Printed and written with the report, which has no numbers that JSON cannot hold."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    measure = importlib.import_module("measure")
+    monkeypatch.setattr(measure, "SPREADS", [])
+    measure.noted("once", [1.0])
+    assert measure.spread() == {}
+    measure.noted("same", [2.0] * 5)
+    measure.noted(("apart", 1e-3), [5.0, 1.0, 4.0, 2.0, 3.0])
+    with measure.reporting(str(tmp_path / "a.json")) as report:
+        report.rows.append({"error": float("nan"), "list": [1.0, float("inf")]})
+    found = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert found["rows"] == [{"error": None, "list": [1.0, None]}] and found["quick"] is False
+    assert found["spread"] == {"timings": 2, "median": 1 / 3, "most": 2 / 3, "of": "apart 0.001"}
+    assert "within 33% (median of 2), at most 67% (apart 0.001)" in capsys.readouterr().out
+
+
+def test_pages_show_tables_of_scripts_that_exist(pages: Any, tmp_path: Path) -> None:
+    """And a table that a run prints anew comes into its place, and nothing else changes."""
     for name in pages.PAGES:
         page = (pages.DOCS / name).read_text(encoding="utf-8")
         marks = list(pages.MARK.finditer(page))
