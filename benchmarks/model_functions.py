@@ -99,7 +99,7 @@ def bench(report: measure.Report, samples: int, repeats: int) -> None:
             calls["pinocchio"] = loop
         times = measure.alternate(calls, repeats)
         row = {"function": name, "target": TARGETS[name]}
-        row |= {engine: 1e6 * measure.median(found) / samples for engine, found in times.items()}
+        row |= {f"{engine}_us": 1e6 * measure.median(found) / samples for engine, found in times.items()}
         if peers:
             row["faster"] = measure.median_ratio(times["pinocchio"], times["robodyn"])
             row["differ"] = max(difference(name, own(*s), peers[name](*s)) for s in states[:: samples // 20])
@@ -116,8 +116,8 @@ def main() -> None:
         bench(report, samples, repeats)
         head = ["function", "robodyn us", "Pinocchio us", "times faster", "target", "between them"]
         keys = (
-            ("robodyn", ".4f"),
-            ("pinocchio", ".3f"),
+            ("robodyn_us", ".4f"),
+            ("pinocchio_us", ".3f"),
             ("faster", ".1f"),
             ("target", "d"),
             ("differ", ".1e"),

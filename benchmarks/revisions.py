@@ -6,13 +6,15 @@ Both are checked out side by side (``git worktree``), NEW is this checkout if it
 own, filled by a round that does not count. The scripts run in turns, old and new, with ``--json``. Of each figure in
 seconds, milliseconds or microseconds the least of all rounds counts. What is above 1.05 times the old one, and above
 every round of it, is named: a change within the old revision's own rounds (``spread``) is the machine's. ``--all``
-prints every figure. Without OLD this checkout is compared with itself.
+prints every figure. Figures of peers are left out, and what one of the revisions does not measure is counted. Without
+OLD this checkout is compared with itself.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -27,7 +29,12 @@ import measure
 SLOWER = 1.05
 SCRIPTS = ("throughput.py", "double_pendulum.py", "time_optimal.py")
 SAID = ("tolerance", "asked", "loops")  # numbers that tell rows apart, as words do
-UNITS = ("us", "ms", "seconds", "s")  # the last word of a figure's name
+PEERS = re.compile(
+    "pinocchio|mujoco|exudyn|drake|pydrake|heyoka|casadi|scipy|toppra|funcanimation|robotics toolbox",
+    re.IGNORECASE,
+)
+TOLD = ("note", "reason")  # words about a row that do not name it
+UNITS = ("ns", "us", "ms", "seconds", "s")  # the last word of a figure's name
 
 Figures = dict[tuple[str, ...], float]
 
@@ -57,8 +64,14 @@ def run(tree: Path, script: str, cache: str, quick: bool) -> Figures:
         subprocess.run(
             command + ["--quick"] * quick, check=True, cwd=tree, env=environment, stdout=subprocess.DEVNULL
         )
-        rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
-    return figures(script, rows)
+        rows = all_rows(json.loads(file.read_text(encoding="utf-8")))
+    return {name: x for name, x in figures(script, rows).items() if not any(map(PEERS.match, name[1:]))}
+
+
+def all_rows(found: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of all tables that a script wrote."""
+    tables = [rows for rows in found.values() if isinstance(rows, list)]
+    return [row for rows in tables for row in rows if isinstance(row, dict)]
 
 
 def figures(script: str, rows: list[dict[str, Any]], wanted: Callable[[str], bool] | None = None) -> Figures:
@@ -67,7 +80,10 @@ def figures(script: str, rows: list[dict[str, Any]], wanted: Callable[[str], boo
     found: Figures = {}
     seen: dict[tuple[str, ...], int] = defaultdict(int)
     for row in rows:
-        words = (script, *(f"{x}" for key, x in row.items() if isinstance(x, str) or key in SAID))
+        words = (
+            script,
+            *(f"{x}" for key, x in row.items() if key in SAID or (isinstance(x, str) and key not in TOLD)),
+        )
         number = seen[words]
         seen[words] += 1
         for name, value in row.items():
@@ -110,7 +126,8 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="print every figure")
     options = parser.parse_args()
     scripts = SCRIPTS[:1] if options.quick else options.scripts
-    rounds = 1 if options.quick else options.rounds
+    rounds = 2 if options.quick else options.rounds
+    lone = 0
     measure.print_machine()
     with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as caches:
         with checkout(options.old) as old, checkout(options.new) as new:
@@ -123,6 +140,7 @@ def main() -> None:
                             if k:
                                 side.append(own)
                     report.rows += compared(*found)
+                    lone += len(set(found[0][0]) ^ set(found[1][0]))
         slower = [row for row in report.rows if row["ratio"] > max(SLOWER, row["spread"])]
         shown = report.rows if options.all else slower
         table = [["figure", "old", "new", "ratio", "spread of old"]]
@@ -136,6 +154,8 @@ def main() -> None:
         ]
         print("\n" + measure.table(table) if shown else "", flush=True)
         print(f"{len(slower)} of {len(report.rows)} figures became slower by more than 5 %")
+        if lone:
+            print(f"{lone} figures are of one of the revisions alone")
 
 
 if __name__ == "__main__":

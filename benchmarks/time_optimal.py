@@ -209,7 +209,7 @@ def named(report: measure.Report, quick: bool) -> list[list[str]]:
         case = Case(scene)
         reference = exact or case.solve(400 if quick else REFERENCE).law.duration
         for tolerance in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5, 1e-6):
-            row: dict[str, Any] = compared(case, reference, 1 if quick else 5, tolerance=tolerance)
+            row: dict[str, Any] = compared(case, reference, 2 if quick else 5, tolerance=tolerance)
             rows.append([name, f"{tolerance:.0e}", f"{row['intervals']:.0f}", f"{row['duration']:.10f}"])
             rows[-1] += [*(f"{row[key]:.1e}" for key in ("error", "stated", "passed")), f"{row['ms']:.1f}"]
             if peer and any(body.forces for body in case.program.problem.model.bodies):
@@ -265,7 +265,7 @@ def random(count: int, quick: bool) -> list[list[str]]:
     for seed in range(count):
         case = Case(random_path(seed))
         reference = case.solve(1600 if quick else REFERENCE).law.duration
-        found = compared(case, reference, 1 if quick else 5)
+        found = compared(case, reference, 2 if quick else 5)
         groups["with friction" if case.program.problem.model.bodies[0].forces else "rigid"].append(found)
     rows = [
         ["random arms", "paths", "largest error", "stated / true", "passed", "intervals", "ms", "largest ms"]

@@ -9,7 +9,7 @@ A page says where: ``<!-- throughput 1 -->`` stands before the first table that 
 ``<!-- loops all -->`` before everything below the line on the machine, up to the next heading. Pages keep what they
 have where RUNS has no such file. The words around the tables are written by hand: read them again.
 
-A record has what each script wrote, to four digits, with the revision, the machine and the versions of peers. Over
+A record has what each script wrote, to four digits, with its revision, the machine and the versions of peers. Over
 releases the ratios to peers count, which depend least on the machine: they are shown, or with WORDs every figure whose
 row has all of them.
 """
@@ -30,7 +30,17 @@ sys.path.insert(0, str(HISTORY.parent))
 import measure  # noqa: E402
 import revisions  # noqa: E402
 
-RATIOS = ("faster", "ratio", "cpu_ratio", "to_batch", "to_batch_error", "to_batch_error_99", "of_differences")
+RATIOS = {  # to peers, by script: the names of the figures
+    "throughput": ("faster",),
+    "model_functions": ("faster",),
+    "ensembles": ("to_batch", "to_batch_error", "to_batch_error_99"),
+    "c_functions": ("ratio",),
+    "loops_corpus": ("pinocchio_faster", "mujoco_faster", "pydrake_faster"),
+    "startup": ("cpu_ratio",),
+}
+LEADS = ("against_peers", "double_pendulum")  # scripts with an error and a time a row
+ERRORS = (1e-3, 1e-7, 1e-10, 1e-12)
+COMPARE = ("revisions",)  # scripts whose rows are no figures of a release
 PAGES = ("benchmarks.md", "benchmarks-rows.md", "choosing-an-integrator.md")
 MARK = re.compile(r"<!-- (\w+) (\d+|all) -->\n\n?")
 
@@ -78,9 +88,13 @@ def recorded(runs: Path) -> dict[str, Any]:
 
     Raises
     ------
-    SystemExit : there is none, a part failed, or they are not of one revision, machine and set of versions.
+    SystemExit : there is none, a part failed, or they are not of one machine and set of versions.
     """
-    files = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(runs.glob("*.json"))}
+    files = {
+        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(runs.glob("*.json"))
+        if path.stem not in COMPARE
+    }
     if not files:
         raise SystemExit(f"{runs} has no NAME.json of a benchmark")
     scripts, machines = {}, []
@@ -88,13 +102,12 @@ def recorded(runs: Path) -> dict[str, Any]:
         if found["failed"]:
             raise SystemExit(f"{name}.json: {', '.join(found['failed'])} failed")
         machine = found.pop("machine")
-        scripts[name] = {"load": machine.pop("load", None), **found}
+        scripts[name] = {**{key: machine.pop(key, None) for key in ("revision", "load")}, **found}
         machines.append(machine)
         for key, value in machine.items():
             if value != machines[0].get(key):
                 raise SystemExit(f"{name}.json: {key} {value}, the others {machines[0].get(key)}")
-    version, revision = (machines[0].pop(key) for key in ("robodyn", "revision"))
-    return {"version": version, "revision": revision, "machine": machines[0], "scripts": scripts}
+    return {"version": machines[0].pop("robodyn"), "machine": machines[0], "scripts": scripts}
 
 
 def text_of(record: dict[str, Any]) -> str:
@@ -107,7 +120,7 @@ def text_of(record: dict[str, Any]) -> str:
             return [short(x) for x in value]
         return float(f"{value:.4g}") if isinstance(value, float) else value
 
-    text = json.dumps(short(record), indent=1)
+    text = json.dumps(short(measure.finite(record)), indent=1, allow_nan=False)
     return re.sub(r"\{[^{}]*\}", lambda row: re.sub(r"\n\s*", " ", row[0]), text) + "\n"
 
 
@@ -126,18 +139,42 @@ def released(changelog: str) -> list[str]:
     return re.findall(r"^## (\d\S*) \((?!unreleased\))", changelog, re.MULTILINE)
 
 
+def leads(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Return how many times as long as robodyn each engine takes to reach an error, by work, engine and error."""
+    best: dict[str, dict[str, dict[float, float]]] = {}
+    for row in rows:
+        if {"work", "engine", "error", "us"} <= set(row) and row["us"] and row["error"] is not None:
+            engine = row["engine"].split()[0].rstrip(",")
+            times = best.setdefault(row["work"], {}).setdefault(engine, {})
+            for error in ERRORS:
+                if row["error"] <= error:
+                    times[error] = min(row["us"], times.get(error, row["us"]))
+    return {
+        f"{work}, {engine} to {error:.0e}": time / engines["robodyn"][error]
+        for work, engines in best.items()
+        for engine, times in engines.items()
+        for error, time in times.items()
+        if engine != "robodyn" and error in engines.get("robodyn", {})
+    }
+
+
+def column(record: dict[str, Any], every: bool) -> dict[str, float]:
+    """Return all figures of a record by script, words of their row and name, or the ratios to peers alone."""
+    found: dict[str, float] = {}
+    for name, script in record["scripts"].items():
+        rows, ratios = revisions.all_rows(script), RATIOS.get(name, ())
+        some = revisions.figures(name, rows, lambda key: every or key in ratios)  # noqa: B023
+        peers = [key for key in some if not every and any(map(revisions.PEERS.match, key[1:-1]))]
+        found |= {", ".join(key): value for key, value in some.items() if key not in peers}
+        if name in LEADS:
+            found |= {f"{name}, {key}": value for key, value in leads(rows).items()}
+    return found
+
+
 def over_releases(found: dict[str, dict[str, Any]], words: list[str]) -> str:
     """Return a table: the figures that have all words, or the ratios to peers, a column a release."""
-    columns = []
-    for record in found.values():
-        column: dict[str, float] = {}
-        for name, script in record["scripts"].items():
-            for rows in script.values():
-                if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
-                    some = revisions.figures(name, rows, lambda key: bool(words) or key in RATIOS)
-                    column |= {", ".join(key): value for key, value in some.items()}
-        columns.append(column)
-    names = dict.fromkeys(name for column in reversed(columns) for name in column)
+    columns = [column(record, bool(words)) for record in found.values()]
+    names = dict.fromkeys(name for figures in reversed(columns) for name in figures)
     shown = [name for name in names if all(word in name for word in words)]
     heads = [
         version + " (quick)" * all(script["quick"] for script in record["scripts"].values())

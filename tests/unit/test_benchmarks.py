@@ -95,6 +95,12 @@ def test_revisions_are_compared_figure_by_figure(monkeypatch: pytest.MonkeyPatch
         {"work": "fall", "tolerance": 1e-3, "error": 1e-7, "ms": 4.0, "us_per_sample": None, "runs": 7},
     ]
     found = revisions.figures("a.py", rows)
+    assert not any(map(revisions.PEERS.match, ("robodyn gauss", "robodyn_us", "us")))
+    assert all(map(revisions.PEERS.match, ("Pinocchio, scipy DOP853", "toppra_ms", "heyoka, batches of 8")))
+    assert revisions.all_rows({"rows": rows, "machine": {}, "list": [1.0], "more": rows[:1]}) == [
+        *rows,
+        rows[0],
+    ]
     assert found == {
         ("a.py", "fall", "0.001", "0", "ms"): 2.0,
         ("a.py", "fall", "0.001", "0", "us_per_sample"): 5.0,
@@ -157,7 +163,7 @@ def test_model_functions(tmp_path: Path) -> None:
     rows = rows_of(file)
     assert [row["function"] for row in rows] == ["M", "C", "G", "Jacobian", "d tau", "d qdd"]
     for row in rows:
-        assert row["robodyn"] > 0.0 and row["function"] in printed
+        assert row["robodyn_us"] > 0.0 and row["function"] in printed
         assert row.get("differ", 0.0) < 1e-11
 
 
@@ -348,18 +354,24 @@ def test_releases_have_their_record(pages: Any) -> None:
     assert set(pages.released(changelog)) <= set(records)
     for version, record in records.items():
         assert record["version"] == version and f"\n## {version} (" in changelog
-        assert record["revision"] and not record["revision"].endswith("+")
         assert {"throughput", "ensembles", "against_peers"} <= set(record["scripts"])
-        assert not any(script["failed"] for script in record["scripts"].values())
+        for script in record["scripts"].values():
+            assert script["revision"] and not script["revision"].endswith("+") and not script["failed"]
 
 
 def test_records_keep_what_scripts_wrote(pages: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """To four digits, and only of one revision without a part that failed; releases stand side by side."""
+    """To four digits, and only of one machine without a part that failed; releases stand side by side."""
     monkeypatch.setattr(pages, "HISTORY", tmp_path / "history")
     runs = tmp_path / "runs"
     runs.mkdir()
 
     def write(name: str, ratio: float, **more: Any) -> None:
+        swings: list[dict[str, Any]] = [
+            {"engine": "robodyn gauss", "error": 1e-8, "us": 4.0},
+            {"engine": "robodyn dop853", "error": 1e-4, "us": 2.0},
+            {"engine": "heyoka, once", "error": 1e-9, "us": 12.0},
+            {"engine": "scipy", "error": None, "us": 1.0},
+        ]
         machine = {"cpu": "C", "robodyn": "0.9.0", "revision": "abc", "load": ratio, "pin": "4"}
         rows = [{"work": "fall", "faster": ratio, "us": 3.0}, {"work": "swing", "error": 1e-9}]
         found = {
@@ -368,6 +380,7 @@ def test_records_keep_what_scripts_wrote(pages: Any, tmp_path: Path, monkeypatch
             "rows": rows,
             "failed": {},
         } | more
+        found["more"] = [{"work": "swing"} | row for row in swings] if name == "against_peers" else []
         (runs / f"{name}.json").write_text(json.dumps(found), encoding="utf-8")
 
     def keep() -> dict[str, Any]:
@@ -377,28 +390,39 @@ def test_records_keep_what_scripts_wrote(pages: Any, tmp_path: Path, monkeypatch
 
     with pytest.raises(SystemExit, match="no NAME.json"):
         keep()
-    write("one", 2.345678)
-    write("two", 5.0)
+    write("revisions", 1.0, machine={"cpu": "other"})
+    write("throughput", 2.345678)
+    write("against_peers", 5.0)
     kept = keep()["0.9.0"]
-    assert kept["revision"] == "abc" and kept["machine"] == {"cpu": "C", "pin": "4"}
-    assert kept["scripts"]["one"]["rows"][0] == {"work": "fall", "faster": 2.346, "us": 3.0}
-    write("one", 3.0, machine={"robodyn": "0.10.0"}, quick=True)
-    write("two", 6.0, machine={"robodyn": "0.10.0"}, quick=True)
+    assert kept["machine"] == {"cpu": "C", "pin": "4"} and set(kept["scripts"]) == {
+        "throughput",
+        "against_peers",
+    }
+    assert (
+        kept["scripts"]["throughput"]["revision"] == "abc" and kept["scripts"]["throughput"]["load"] == 2.346
+    )
+    assert kept["scripts"]["throughput"]["rows"][0] == {"work": "fall", "faster": 2.346, "us": 3.0}
+    write("throughput", 3.0, machine={"robodyn": "0.10.0"}, quick=True)
+    write("against_peers", 6.0, machine={"robodyn": "0.10.0"}, quick=True)
     both = keep()
     lines = [
         [cell.strip() for cell in x.split("|")[1:-1]] for x in pages.over_releases(both, []).splitlines()
     ]
     assert lines[0] == ["figure", "0.9.0", "0.10.0 (quick)"]
-    assert lines[2:] == [["one, fall, 0, faster", "2.346", "3"], ["two, fall, 0, faster", "5", "6"]]
-    assert "two, swing, 0, error" in pages.over_releases(both, ["swing", "two"])
+    assert lines[2:] == [
+        ["against_peers, swing, heyoka to 1e-03", "6", "6"],
+        ["against_peers, swing, heyoka to 1e-07", "3", "3"],
+        ["throughput, fall, 0, faster", "2.346", "3"],
+    ]
+    assert "throughput, swing, 0, error" in pages.over_releases(both, ["swing", "throughput"])
     for more, told in (
         (
-            {"machine": {"revision": "other", "robodyn": "0.10.0"}},
-            r"two\.json: revision other, the others abc",
+            {"machine": {"pin": "5", "robodyn": "0.10.0"}},
+            r"throughput\.json: pin 5, the others 4",
         ),
-        ({"failed": {"part": "why"}}, r"two\.json: part failed"),
+        ({"failed": {"part": "why"}}, r"throughput\.json: part failed"),
     ):
-        write("two", 6.0, **more)
+        write("throughput", 6.0, **more)
         with pytest.raises(SystemExit, match=told):
             keep()
 
