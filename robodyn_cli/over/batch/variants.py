@@ -19,7 +19,6 @@ from robodyn_cli.report.page.compared import (
     SideBySide,
     compared,
     error_of,
-    number_of,
     unit_of,
 )
 from robodyn_cli.report.page.tables import Quantity, written
