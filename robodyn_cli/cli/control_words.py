@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.words import error_text, number, table
+from robodyn_cli.cli.words import error_text, meanings, number, table
 from robodyn_cli.summaries.control import OWN_GAINS, is_diagonal
+from robodyn_cli.summaries.response import Response
 
 MOST_ROWS = 12  # of a table
 MOST_COLUMNS = 12  # of the matrix of gains
@@ -48,7 +49,9 @@ def response_lines(summary: Mapping[str, Any]) -> list[str]:
         cells = [_with_error(own, key, factor) for key, _, factor in figures]
         rows.append([name, f"[{own['unit']}]", *cells])
     more = f"\n  ... and {len(found) - MOST_ROWS} more in summary.json" if len(found) > MOST_ROWS else ""
-    return [table(rows) + more, ""]
+    told = [f"  {key:<18} {text}" for key, text in meanings(Response, ("effort", "energy"))]
+    driven = any("energy" in own for own in found.values())
+    return [table(rows) + more, *(told if driven else ()), ""]
 
 
 def _with_error(of: Mapping[str, Any], key: str, factor: float) -> str:

@@ -75,6 +75,14 @@ def figure_columns(
     return columns
 
 
+def meanings(kind: type, keys: Sequence[str]) -> list[tuple[str, str]]:
+    """Return what figures of a record are, as declared."""
+    from robodyn_cli.summaries.keys import fields_at
+
+    declared = fields_at(kind)
+    return [(key, declared[key][1].doc) for key in keys]
+
+
 EXTREMES = (
     ("smallest", "smallest", "value", 8), ("at", "smallest_time", "time", 6),
     ("largest", "largest", "value", 8), ("at", "largest_time", "time", 6), ("final", "final", "value", 8),

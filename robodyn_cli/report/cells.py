@@ -12,10 +12,11 @@ from robodyn_cli.summaries.facts import rounded_up
 
 @record
 class Table:
-    """A table of text; the first column names its rows."""
+    """A table of text; the first column names its rows. meaning : what its columns are, where their heads do not say."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
+    meaning: str = ""
 
 
 def figure(value: Any, error: Any = None, unit: str = "") -> str:

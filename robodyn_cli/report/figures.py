@@ -12,10 +12,11 @@ from robodyn_cli.report.control_figures import control_tables, loop_note
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
 from robodyn_cli.summaries.control import POLE_UNIT
-from robodyn_cli.summaries.facts import rounded_up
+from robodyn_cli.summaries.facts import Fact, rounded_up
 from robodyn_cli.summaries.keys import Leaf, leaf_of, leaves_of
 from robodyn_cli.summaries.study import QUANTILES
 
+WHEN = "at"  # head of a column of times, which are those of the column before
 MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
 
@@ -81,8 +82,15 @@ def _declared(result: Result, summary: Summary) -> list[Table]:
         rows = [
             [name, *(_cell(summary, *column, name, coordinates) for column in own.items())] for name in names
         ]
-        listed.append(Table((kind[-1].lower(), *(leaf.fact.column for leaf in own.values())), rows))
+        head = (kind[-1].lower(), *(leaf.fact.column for leaf in own.values()))
+        listed.append(Table(head, rows, meaning_of([leaf.fact for leaf in own.values()])))
     return [*listed, *_drives(summary)]
+
+
+def meaning_of(columns: Sequence[Fact]) -> str:
+    """Return what columns are, as declared; nothing of those whose heads say it."""
+    told = {fact.column: fact.doc.partition("; `null`")[0] for fact in columns}
+    return "; ".join(f"{head}: {doc}" for head, doc in told.items() if head not in doc and head != WHEN)
 
 
 def _named(steps: Sequence[str]) -> int:

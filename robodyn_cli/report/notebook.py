@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.cells import Table
 from robodyn_cli.report.figures import MOST_ROWS, notes, tables
+from robodyn_cli.report.page.tables import typeset
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def as_html(result: Result) -> str:
     shown = [name for name in dict.fromkeys((first, *BESIDE)) if name in possible]
     pictures = "".join(_picture(name, png(draw(result, name))) for name in shown if name is not None)
     head = f"<b>{html.escape(result.title)}</b><br>{html.escape(f'{result.command}: {result.status}')}"
-    said = "".join(f"<br>{html.escape(text)}" for text in notes(result))
+    said = "".join(f"<br>{html.escape(typeset(text))}" for text in notes(result))
     left = f"<div><p>{head}{said}</p>{''.join(_table(table) for table in tables(result))}</div>"
     return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:flex-start">{left}{pictures}</div>'
 
@@ -76,10 +77,11 @@ def _table(table: Table) -> str:
     more = len(table.rows) - MOST_ROWS
     rows = "".join(_row(row, "td") for row in table.rows[:MOST_ROWS])
     foot = f"<p>and {more} more</p>" if more > 0 else ""
+    foot += f"<p><small>{html.escape(typeset(table.meaning))}</small></p>" if table.meaning else ""
     return f"<table><thead>{_row(table.head, 'th')}</thead><tbody>{rows}</tbody></table>{foot}"
 
 
 def _row(cells: Sequence[str], kind: str) -> str:
-    first, *others = (html.escape(cell) for cell in cells)
+    first, *others = (html.escape(typeset(cell)) for cell in cells)
     right = "".join(f'<{kind} style="text-align:right;{PADDING}">{cell}</{kind}>' for cell in others)
     return f'<tr><th style="text-align:left;{PADDING}">{first}</th>{right}</tr>'

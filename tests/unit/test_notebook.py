@@ -18,6 +18,7 @@ from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, simul
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.cells import figure
 from robodyn_cli.report.figures import notes, tables
+from robodyn_cli.report.page.tables import main_figures
 from robodyn_cli.results.report import Report
 from robodyn_cli.scene import load_scene_text
 from tests.unit.synthetic_results import inverse_result
@@ -64,7 +65,14 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         self.text += data
         if self.open and self.open[-1] in ("td", "th"):
-            self.rows[-1][-1] += data
+            self.rows[-1][-1] += plain(data)
+
+
+def plain(text: str) -> str:
+    """Return what is printed as it is typed: 2e-13 for 2·10⁻¹³, a space for a product of units."""
+    typed = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−–", "-0123456789--")
+    text = re.sub("·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: f"e{found[1].translate(typed)}", text)
+    return text.replace("²", "^2").replace("·", " ").translate(typed)
 
 
 @pytest.mark.parametrize("command", RUNS)
@@ -176,6 +184,20 @@ def test_what_asks_commands_shows_its_figures(command: str) -> None:
     name, value = ROWS[command]
     (row,) = [row for row in page.rows if row[0] == name]
     assert re.fullmatch(value, row[1]), row
+    assert not re.search(r"\de[-+]\d", page.text)
+
+
+def test_tables_say_what_their_columns_are() -> None:
+    result = inverse(load_scene(CONFIGS / "2r_circle.yaml"))
+    (table,) = tables(result)
+    told = dict(part.split(": ", 1) for part in table.meaning.split("; "))
+    assert set(told) == set(table.head[1:])
+    assert told["energy"].startswith("integral of the positive mechanical power")
+    assert table.meaning in Page(result._repr_html_()).text and f"{table.meaning}." in str(
+        main_figures(result)
+    )
+    moved = kinematics(load_scene(CONFIGS / "mechanisms/four_bar_kinematics.yaml"))
+    assert not any("smallest: " in one.meaning or "`" in one.meaning for one in tables(moved))
 
 
 PENDULUM = """\

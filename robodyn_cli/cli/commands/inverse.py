@@ -14,10 +14,12 @@ from robodyn_cli.cli.words import (
     drive_lines,
     error_text,
     figure_columns,
+    meanings,
     motorisation_lines,
     multiplier_lines,
     table,
 )
+from robodyn_cli.summaries.inverse import JointFigures
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -30,6 +32,7 @@ FIGURES = (
 )
 
 
+EXPLAINED = ("peak_power", "energy")  # figures whose headings do not say what they are
 HEADLINES = 3  # of these, where not all is told
 MOST_JOINTS = 12
 
@@ -47,6 +50,10 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         lines.append(table(list(zip(["joint", *shown], *columns))))
         if len(shown) < len(joints):
             lines.append(f"  ... and {len(joints) - len(shown)} joints with smaller torques")
+        if verbose:
+            lines += [
+                f"  {key.replace('_', ' '):<18} {text}" for key, text in meanings(JointFigures, EXPLAINED)
+            ]
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
         ("attitude error", "attitude_residual", "rad"),

@@ -192,10 +192,10 @@ def _is_plain_number(value: Any) -> bool:
 
 def main_figures(result: Result) -> Html | None:
     """Return the main figures of a result with their errors, None of a command that has none."""
-    parts = [
-        table(one.head, [[typeset(str(cell)) for cell in row] for row in one.rows[:MOST_ROWS]])
-        for one in figures.tables(result)
-    ]
+    parts = []
+    for one in figures.tables(result):
+        parts.append(table(one.head, [[typeset(str(cell)) for cell in row] for row in one.rows[:MOST_ROWS]]))
+        parts += [element("p", f"{typeset(one.meaning)}.", class_="note")] if one.meaning else []
     return element("div", element("h3", "Main figures"), parts) if parts else None
 
 

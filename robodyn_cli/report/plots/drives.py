@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,12 @@ LOOKS: dict[str, Mapping[str, Any]] = {
 }
 
 
+MEANINGS = {
+    "peak, driving": "driving: the torque acts along the motion, braking: against it",
+    "RMS": "RMS: root mean square, compared with continuous",
+}
+
+
 @record
 class DrawnMotor:
     """What is drawn of one motor: points (n,) of speed [rad/s] and torque [N m] by their look, and the ends of the
@@ -58,7 +64,7 @@ def drives(result: Result) -> Any:
     labels = [label for label in LOOKS if any(len(motor.points[label][0]) for motor in motors)]
     sheet = Sheet(
         result,
-        f"Torque over speed of each motor in its envelope{note}; both as magnitudes",
+        f"Torque over speed of each motor in its envelope{note}; both as magnitudes{_meanings(labels)}",
         panels=len(motors),
         across=1 if len(motors) == 1 else 2,
         height=2.6 if len(motors) < 3 else 2.0,
@@ -70,6 +76,11 @@ def drives(result: Result) -> Any:
         handles = _panel(ax, motor, labels)
     sheet.legend(handles, labels)
     return sheet.figure
+
+
+def _meanings(labels: Sequence[str]) -> str:
+    """Return what the words of the legend mean."""
+    return "".join(f"; {meaning}" for label, meaning in MEANINGS.items() if label in labels)
 
 
 def _shown(result: Result, names: Any) -> list[int]:
