@@ -12,7 +12,7 @@ from robodyn_cli.summaries.facts import rounded_up
 
 @record
 class Table:
-    """A table of text; the first column names its rows. meaning : what its columns are, where their heads do not say."""
+    """A table of text; the first column names its rows. meaning : what its columns are, where heads do not say it."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
