@@ -7,7 +7,6 @@ from typing import Any
 
 from robodyn_cli.cli.words import error_text, meanings, number, table
 from robodyn_cli.summaries.control import OWN_GAINS, is_diagonal
-from robodyn_cli.summaries.response import Response
 
 MOST_ROWS = 12  # of a table
 MOST_COLUMNS = 12  # of the matrix of gains
@@ -35,6 +34,8 @@ def response_lines(summary: Mapping[str, Any]) -> list[str]:
     found = summary.get("response")
     if not found:
         return []
+    from robodyn_cli.summaries.response import Response
+
     figures = (
         ("step", "step", 1.0),
         ("rise", "rise [s]", 1.0),
