@@ -10,8 +10,9 @@ A page says where: ``<!-- throughput 1 -->`` stands before the first table that 
 have where RUNS has no such file. The words around the tables are written by hand: read them again.
 
 A record has what each script wrote, to four digits, with its revision, the machine and the versions of peers. Over
-releases the ratios to peers count, which depend least on the machine: they are shown, or with WORDs every figure whose
-row has all of them.
+releases the ratios to peers count, which depend least on the machine: they are shown (how many times as long the peer
+takes; of ``startup`` how many times as long as the bare imports robodyn does), or with WORDs every figure whose row has
+all of them.
 """
 
 from __future__ import annotations
