@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
-SLOW, LONG = 0.35, 1.5  # s
+SLOW, LONG = 0.35, 1.0  # s
 FIRST = 2  # cases of a function that every run keeps
 
 
