@@ -81,6 +81,14 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
+def spent(seconds: float) -> str:
+    """Return a time that something took, for reading."""
+    seconds = max(seconds, 0.01)
+    return (
+        f"{seconds:.2f} s" if seconds < 0.995 else f"{seconds:.1f} s" if seconds < 9.95 else duration(seconds)
+    )
+
+
 def columns() -> int:
     """Return the columns of the terminal."""
     return shutil.get_terminal_size().columns

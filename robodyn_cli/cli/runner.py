@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.progress_line import spent
 from robodyn_cli.errors import OF_STATUS, REPLACING, RobodynError, SceneError, StrictError
 from robodyn_cli.record import record
 
@@ -150,13 +151,14 @@ def show(result: Result, directory: Output, console: Console, describe: Describe
 
         for line in moment_lines(result, width(sys.stdout) or 80):
             console.say(line)
-    say_where(directory, console)
+    say_where(directory, console, result.summary)
 
 
-def say_where(directory: Output, console: Console) -> None:
-    """Print where results are: how many files, or all of them by name."""
-    names = directory.outputs
-    files = ", ".join(names) if console.verbose else f"{len(names)} files; -v tells more"
+def say_where(directory: Output, console: Console, summary: Mapping[str, Any]) -> None:
+    """Print where results are: how many files and what they took, or all of them by name."""
+    names, total = directory.outputs, summary.get("wall_time_s", {}).get("total")
+    took = "" if total is None else f" in {spent(total)}"
+    files = ", ".join(names) if console.verbose else f"{len(names)} files{took}; -v tells more"
     console.say(f"results: {directory.path}  ({files})")
 
 

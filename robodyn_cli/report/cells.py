@@ -9,6 +9,8 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import rounded_up
 
+MOST_DIGITS = 10  # of a number with its error; more are hard to read
+
 
 @record
 class Table:
@@ -23,9 +25,12 @@ def figure(value: Any, error: Any = None, unit: str = "") -> str:
     """Return a number, its error where one is known, and its unit if it has one: ``12.2829956 ± 5e-13 s``."""
     if not is_number(value):
         return "-" if value is None else str(value)
-    known = is_number(error)
-    text = f"{value:.{_digits(abs(float(value)), float(error)) if known else 6}g}"
-    return f"{text}{f' ± {rounded_up(float(error), 1):.1g}' if known else ''}{spaced(unit)}"
+    if not is_number(error):
+        return f"{value:.6g}{spaced(unit)}"
+    digits = _digits(abs(float(value)), float(error))
+    text = f"{float(f'{value:.{digits}g}'):.{MOST_DIGITS}g}" if digits else "0"
+    off = 0.0 if digits else abs(float(value))  # it is in the error
+    return f"{text} ± {float(f'{rounded_up(float(error) + off, 1):.1g}'):g}{spaced(unit)}"
 
 
 def spaced(unit: str) -> str:
@@ -33,10 +38,11 @@ def spaced(unit: str) -> str:
 
 
 def _digits(size: float, error: float) -> int:
-    """Return how many digits of a number its error leaves: 6 to 10, for more are hard to read."""
+    """Return how many digits of a number its error leaves, and one more; none where it is ten times the number."""
     if size == 0.0 or not error > 0.0:
-        return 10
-    return min(10, max(6, math.ceil(math.log10(size / error))))
+        return MOST_DIGITS
+    places = math.ceil(math.log10(size / error))
+    return min(MOST_DIGITS, max(1, 2 + places)) if places > -1 else 0
 
 
 def is_number(value: Any) -> bool:

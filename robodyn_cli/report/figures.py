@@ -34,7 +34,7 @@ def notes(result: Result) -> list[str]:
     summary = result.summary
     sentences = [*_lock(summary), *loop_note(summary)]
     sentences += [
-        f"{one.words} {rounded_up(one.value):.2g}{spaced(one.statement.unit)}"
+        f"{one.words} {rounded_up(one.value):.2g}{spaced(one.statement.unit_in(result))}"
         for one in stated(summary)
         if one.statement.is_main
     ]

@@ -157,15 +157,16 @@ def hatch(axes: Sequence[Axes], until: float) -> None:
             ax.set_xlim(low, high)
 
 
-def told(one: Stated) -> str:
-    """Return what a summary states of an error in words, with its unit."""
+def told(one: Stated, result: Result) -> str:
+    """Return what the summary of a result states of an error in words, with its unit."""
+    own = one.statement.unit_in(result)
     return " ".join(
         filter(
             None,
             (
                 one.words,
                 error_number(one.value, 2),
-                unit(one.statement.unit) if one.statement.unit != "1" else "",
+                unit(own) if own != "1" else "",
             ),
         )
     )
@@ -180,7 +181,7 @@ def error_words(result: Result, path: str) -> str:
         if one.statement.bounds == path and np.isfinite(until):
             one = dataclasses.replace(one, value=min(one.value, meaningful_error(result, path)))
             when = f" until {times([until])[0]}"
-        words = told(one) + when
+        words = told(one, result) + when
         if words not in said and (not said or len("; ".join([*said, words])) < NOTE_WIDTH - len(UNDER) - 8):
             said.append(words)
     if said:

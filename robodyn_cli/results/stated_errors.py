@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, units_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL
@@ -37,6 +37,14 @@ class Statement:
         """Its unit, as the records of summaries declare it: the same for all commands that have it."""
         leaves = (leaf_of(command, ".".join(self.key)) for command in SCENE_COMMANDS)
         return next((leaf.unit({}) for leaf in leaves if leaf is not None), "1")
+
+    def unit_in(self, result: Result) -> str:
+        """Return its unit in a result: that of the dataset alone where all columns of it have the same."""
+        path = self.bounds or (self.about[0] if len(self.about) == 1 else "")
+        if path not in result.variables or " or " not in self.unit:
+            return self.unit
+        units = set(units_of(result.variables[path]))
+        return units.pop() if len(units) == 1 else self.unit
 
 
 @record

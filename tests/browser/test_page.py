@@ -464,7 +464,17 @@ def test_results_are_compared_filtered_and_laid_over_one_another(tmp_path: Path,
     row = page.locator(".sided tr", has=page.locator("th:has-text('lock.time')")).first
     assert row.locator("td").all_inner_texts() == [
         "12.000000000 ± 1·10⁻⁹ s", "+0.5000000000 ± 2.1·10⁻⁹ s", "+1.0000000000 ± 2.1·10⁻⁹ s"]  # fmt: skip
+    few = page.get_by_label("only what differs")
+    few.check()
+    for head, cell in zip(page.locator(".sided thead th").all(), row.locator("td").all()):
+        assert head.bounding_box()["x"] == cell.bounding_box()["x"], "heads stand over their columns"
+    few.uncheck()
     told = page.locator(".overlay .told")
+    with page.expect_download() as file:
+        page.locator(".overlay").get_by_role("button", name="CSV").click()
+    assert "less_that_of_Run_0" in file.value.suggested_filename
+    saved = file.value.path().read_text().splitlines()[0]
+    assert saved == "time [s],Run 1 less that of Run 0 [rad],Run 2 less that of Run 0 [rad]"
     assert "both errors added: 2·10⁻⁶ rad" in told.inner_text()
     assert page.locator(".overlay .legend li").count() == 2, "the chosen one less itself is no line"
     page.locator(".filter").fill("R2 dead")

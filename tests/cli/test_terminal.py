@@ -141,9 +141,20 @@ def test_by_default_the_main_figures_are_told_and_with_v_all(command: str, tmp_p
     name, main, more = SHORT[command]
     words = (command, CONFIGS / f"{name}.yaml", "--no-plots", "--out", tmp_path)
     short, whole = invoke(*words).out, invoke(*words, "-v").out
-    assert f"  {main} " in short and f"  {more} " not in short and f"results: {tmp_path}  (2 files;" in short
+    assert f"  {main} " in short and f"  {more} " not in short
+    assert re.search(
+        rf"^results: {re.escape(str(tmp_path))}  \(2 files in [0-9.]+ s; -v tells more\)$", short, re.M
+    )
     assert f"  {main} " in whole and f"  {more} " in whole and "(result.h5, summary.json)" in whole
     assert len(short.splitlines()) < len(whole.splitlines())
+
+
+def test_times_have_two_digits_up_to_ten_seconds() -> None:
+    from robodyn_cli.cli.progress_line import spent
+
+    seconds = (0.0, 0.0034, 0.0149, 0.8, 1.04, 9.94, 9.96, 75.0, 130.0, 7200.0)
+    assert [spent(x) for x in seconds] == [
+        "0.01 s", "0.01 s", "0.01 s", "0.80 s", "1.0 s", "9.9 s", "10 s", "75 s", "2 min", "2.0 h"]  # fmt: skip
 
 
 def test_joints_that_are_left_out_are_counted() -> None:

@@ -275,6 +275,18 @@ def test_instants_follow_the_motion() -> None:
     assert nearest(np.array([3.0]), np.array([0.0, 9.0])).tolist() == [0, 0]
 
 
+@pytest.mark.parametrize("swings", [1, 2, 3.5, 7, 14, 21])
+def test_instants_of_a_swing_are_not_all_at_its_ends(swings: float) -> None:
+    """Equal steps along a way to and fro of as many swings as steps all lie at its two ends."""
+    result = result_of("slider_crank")
+    result["q"][:] = result["q"][:1]
+    result["q"][:, 0] = 0.5 * np.cos(swings * np.pi * np.linspace(0.0, 1.0, len(result.time)))
+    chosen = along_motion(make_drawing(result), 8)
+    places = np.sort(result["q"][chosen, 0])
+    assert 7 <= len(chosen) <= 8 and chosen[0] == 0 and chosen[-1] == len(result.time) - 1
+    assert np.count_nonzero(np.diff(places) > 0.02) >= 3
+
+
 def test_places_that_are_no_numbers_are_left_out() -> None:
     result = result_of("slider_crank")
     for value in (math.nan, math.inf, 1e300):

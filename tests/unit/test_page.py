@@ -265,10 +265,15 @@ def test_errors_stand_beside_the_figures_they_belong_to() -> None:
     expected = {
         "q": ["1·10⁻⁹", "3·10⁻¹²"], "qd": ["2·10⁻⁸", "5·10⁻⁶"], "energy": ["4·10⁻⁷"], "constraints/multipliers": [],
     }  # fmt: skip
+    result = four_bar_result()
+    result.summary = summary
     for path, values in expected.items():
-        assert re.findall(r" ([0-9][^ ]*)", errors_of(summary, path) or "") == values
-    assert "largest error of qd after the lock 5·10⁻⁶ rad/s or m/s" in (errors_of(summary, "qd") or "")
-    assert errors_of({}, "q") is None and errors_of(summary, "unknown") is None
+        assert re.findall(r" ([0-9][^ ]*)", errors_of(result, path) or "") == values
+    assert "largest error of qd after the lock 5·10⁻⁶ rad/s or m/s" in (errors_of(result, "qd") or "")
+    assert "largest error of q 1·10⁻⁹ rad;" in (errors_of(result, "q") or ""), "all joints turn"
+    assert errors_of(result, "unknown") is None
+    result.summary = {}
+    assert errors_of(result, "q") is None
 
 
 def test_summaries_become_tables_whatever_is_in_them() -> None:

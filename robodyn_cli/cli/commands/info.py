@@ -49,7 +49,7 @@ def command(
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
     if shared.drawings is not None:
-        say_where(directory, console)
+        say_where(directory, console, result.summary)
     return 0
 
 

@@ -132,7 +132,8 @@ def evenly(count: int, most: int) -> Array:
 def along_motion(drawing: Drawing, most: int) -> list[int]:
     """Return at most ``most`` instants equally far apart along the motion, the first and the last included.
 
-    The length of a step is how far the vertex has moved that has moved furthest.
+    The length of a step is how far the vertex has moved that has moved furthest. Where a motion comes back to its
+    poses in step with the instants, a swing to its ends, they come ever closer, so that they show other poses.
     """
     count = len(drawing.times)
     steps = np.nan_to_num(np.linalg.norm(np.diff(drawing.vertices, axis=0), axis=2), posinf=0.0)
@@ -142,8 +143,27 @@ def along_motion(drawing: Drawing, most: int) -> list[int]:
     length = np.concatenate([[0.0], np.cumsum(moved)])
     if not length[-1] > 0.0:
         return [0] if count == 1 else [0, count - 1]
-    wanted = np.linspace(0.0, length[-1], most)
-    return sorted({int(np.argmin(np.abs(length - mark))) for mark in wanted} | {0, count - 1})
+    spread = {}
+    for bend in BENDS:
+        marks = length[-1] * np.linspace(0.0, 1.0, most) ** bend
+        chosen = sorted({int(np.argmin(np.abs(length - mark))) for mark in marks} | {0, count - 1})
+        spread[bend] = _apart(drawing.vertices[np.ix_(chosen, own)]), chosen
+    best = max(spread.values(), key=lambda one: one[0])
+    return (spread[1.0] if spread[1.0][0] >= ENOUGH * best[0] else best)[1]
+
+
+BENDS = (1.0, 0.85, 0.7, 0.6)  # powers of the part of the way at which instants lie
+ENOUGH = 0.5  # of the largest distance between poses that instants reach: those in equal steps will do
+
+
+def _apart(places: Array) -> float:
+    """Return how far poses (K, n, 3) are from the nearest other one, in the mean; those at both ends from the inner
+    ones, for a motion may close."""
+    off = np.nan_to_num(np.linalg.norm(places[:, None] - places[None], axis=3), posinf=0.0)
+    far = off.max(axis=2, initial=0.0)
+    far[np.arange(len(far)), np.arange(len(far))] = np.inf
+    far[0, -1] = far[-1, 0] = np.inf
+    return float(np.mean(far.min(axis=1))) if len(far) > 2 else 0.0
 
 
 def nearest(times: Array, wanted: Array) -> Array:

@@ -139,7 +139,7 @@ def _motion(result: Result, store: Store) -> Html:
     content = [drawing, _controls(data), told, _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
     seen = [path for path in ("q", "qd", "tau", "reactions") if path in result or result.group(path)]
-    content += [tables.errors_of(result.summary, *seen)]
+    content += [tables.errors_of(result, *seen)]
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 

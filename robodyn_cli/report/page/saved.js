@@ -18,7 +18,7 @@ function tableOf(chart) {
     const unit = (/\[[^\]]*\]$/.exec(own.panel.label) || [""])[0];
     for (const line of own.lines) {
       if (line.spans[0] || line.spans[1]) continue;
-      const entry = chart.data.legend[line.of ?? line.entry], name = entry ? `${entry.text} ${unit}` : own.panel.label;
+      const entry = chart.data.legend[line.of ?? line.entry], name = entry ? `${entry.text}${own.panel.less || ""} ${unit}` : own.panel.label;
       const title = [chart.data.panels.length > 1 && own.panel.title, name, line.beside && "(kept)", Number.isInteger(line.entry) || !entry ? null : line.width ? "(beside)" : "(marks)"].filter(Boolean).join(" ").trim();
       for (let k = 0; k < line.x.length; k++) {
         const time = line.x[k];

@@ -65,7 +65,8 @@ class Several {
       if (!both || (cell.dataset.u || "") !== (other.dataset.u || "")) continue;
       const off = Number(cell.dataset.v) - Number(other.dataset.v), error = Number(cell.dataset.e) + Number(other.dataset.e);
       const known = [cell, other].every((one) => one.dataset.known === "yes"), unit = cell.dataset.u ? ` ${cell.dataset.u}` : "";
-      cell.textContent = `${off > 0 ? "+" : ""}${known && error > 0 ? stated(off, up(error + 0.05 * 10 ** Math.floor(Math.log10(error || 1))), cell.dataset.u || "").trim() : `${text(off, 6)}${unit}`}`;
+      const words = known && error > 0 ? stated(off, up(error + 0.05 * 10 ** Math.floor(Math.log10(error || 1))), cell.dataset.u || "").trim() : `${text(off, 6)}${unit}`;
+      cell.textContent = off > 0 && !/^\(?0(\.0*)? /.test(words) ? words.replace(/^\(?/, "$&+") : words;
       if (known) cell.classList.add(Math.abs(off) > error ? "beyond" : "inside");
     }
   }
@@ -102,12 +103,12 @@ class Several {
     const look = (line) => this.data.looks[line.of];
     const lines = drawn.map((line, k) => ({ ...look(line), x: line.x, y: line.y, spans: [false, false], entry: k }));
     const errors = drawn.flatMap((line) => (line.error > 1e-3 * (high - low) ? [this.band(line, look(line).colour)] : []));
-    const words = reference ? `${signal.label} less that of ${this.data.labels[chosen]}` : signal.label;
-    const panel = { title: null, label: words, unit: signal.unit, log: false, x: [Math.min(...ends), Math.max(...ends)], y: [low - room, high + room],
+    const less = reference ? ` less that of ${this.data.labels[chosen]}` : "";
+    const panel = { title: null, less, label: signal.label.replace(/( \[[^\]]*\])?$/, (unit) => less + unit), unit: signal.unit, log: false, x: [Math.min(...ends), Math.max(...ends)], y: [low - room, high + room],
       lines, errors, bands: this.lost(drawn, ends), notes: [] };
     const legend = drawn.map((line) => ({ ...look(line), text: this.data.labels[line.of], band: false }));
     this.cursor = new Cursor();
-    new Chart(place, { name: signal.name, legend, panels: [panel] }, this.cursor).draw();
+    new Chart(place, { name: signal.name + less, legend, panels: [panel] }, this.cursor).draw();
   }
   own(line) { return { ...line, x: this.arrays[line.x], y: this.arrays[line.y] }; }
   /* A line less another, at the samples that both have; none where one is thinned. */

@@ -199,9 +199,9 @@ def main_figures(result: Result) -> Html | None:
     return element("div", element("h3", "Main figures"), parts) if parts else None
 
 
-def errors_of(summary: Mapping[str, Any], *paths: str) -> Html | None:
+def errors_of(result: Result, *paths: str) -> Html | None:
     """Return the errors and residuals that datasets are to be read with, None where the summary has none for them."""
-    said = dict.fromkeys(told(one) for path in paths for one in concerning(summary, path))
+    said = dict.fromkeys(told(one, result) for path in paths for one in concerning(result.summary, path))
     return element("p", f"Errors: {'; '.join(said)}.", class_="errors") if said else None
 
 
