@@ -16,8 +16,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import lru_cache, reduce
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.quadrature import (
@@ -78,46 +80,77 @@ class Extreme:
 
 def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest values of y (T, n) at times (T,), which are best uniform; breaks : see ``quadrature``."""
-    if not y.shape[1]:
-        return Extreme(*np.zeros((5, 0)))
-    return _gathered(
-        [_largest(times, y[:, own], breaks, hidden) for own, hidden in hidden_jumps(times, y, breaks)]
-    )
-
-
-def _largest(times: Array, y: Array, breaks: Breaks, hidden: Hidden) -> Extreme:
-    """Return the largest values of columns whose hidden jumps lie between the same samples."""
-    found: Extreme | None = None
     n = y.shape[1]
-    for part in stretches(times, [*breaks, *hidden]):
-        block, starts = part.of(y), np.repeat(part.first, n)
-        for piece, low, high in pieces(part.samples, part.breaks):
-            sides = [np.isin(starts + k - 1, hidden) for k in (piece.start, piece.stop)]
-            reach = [np.repeat(x, n) for x in part.reach(piece, low, high)]
-            own = _of_piece(block, piece, *(np.where(jump, 0.0, x) for jump, x in zip(sides, reach)))
-            own = _beyond(own, block[piece], sides)
-            at, step = own.at + piece.start, np.repeat(part.step, n)
-            there = dataclasses.replace(
-                own, at=at + starts, time=times[starts] + step * at, time_error=step * own.time_error
-            )
-            there = _over_stretches(there, n)
-            found = there if found is None else found.or_larger(there)
-    assert found is not None
+    if not n:
+        return Extreme(*np.zeros((5, 0)))
+    alike = _pieces_alike(times, n, breaks, hidden_jumps(times, y, breaks))
+    found = _joined([_of_pieces(times, y, *own) for own in alike])
+    column, first = (np.concatenate([own[1][k] for own in alike]).astype(int) for k in (COLUMN, FIRST))
+    found = _over_pieces(found, column, first, n)
     # samples that follow no smooth function say no more than their range
     return dataclasses.replace(found, error=np.minimum(found.error, 2.0 * np.ptp(y, axis=0)))
 
 
-def _over_stretches(found: Extreme, n: int) -> Extreme:
-    """Return the extremes of n columns over all stretches from those of each stretch (P n,)."""
-    fields = {f.name: getattr(found, f.name).reshape(-1, n) for f in dataclasses.fields(Extreme)}
-    while len(fields["value"]) > 1:
-        one, two = ({name: x[k : len(x) - len(x) % 2 : 2] for name, x in fields.items()} for k in (0, 1))
-        both = Extreme(**one).or_larger(Extreme(**two))
-        odd = len(fields["value"]) % 2
-        fields = {
-            name: np.concatenate([getattr(both, name), x[len(x) - odd :]]) for name, x in fields.items()
-        }
-    return Extreme(**{name: x[0] for name, x in fields.items()})
+# what is known of pieces of columns: the column, the first sample of the piece, and the first and the last one of its
+# stretch, the step between samples [s], how far functions reach beyond the ends, in steps, and whether they jump there
+COLUMN, FIRST = 0, 1
+
+
+def _pieces_alike(
+    times: Array, n: int, breaks: Breaks, jumps: Sequence[tuple[Any, Hidden]]
+) -> list[tuple[int, Array]]:
+    """Return all pieces of n columns (9, P), those with as many samples each at once; jumps : see ``hidden_jumps``."""
+    alike: dict[int, list[Array]] = {}
+    for own, hidden in jumps:
+        columns, known = np.arange(n)[own], np.array(hidden)[:, None]
+        for part in stretches(times, [*breaks, *hidden]):
+            last = part.first + part.samples - 1
+            for piece, low, high in pieces(part.samples, part.breaks):
+                first = part.first + piece.start
+                before, after = ((k == known).any(axis=0) for k in (first - 1, part.first + piece.stop - 1))
+                low_reach, high_reach = part.reach(piece, low, high)
+                reach = np.where(before, 0.0, low_reach), np.where(after, 0.0, high_reach)
+                rows = np.array([first, part.first, last, part.step, *reach, before, after])
+                each = np.concatenate(
+                    [np.tile(columns, len(first))[None], np.repeat(rows, len(columns), axis=1)]
+                )
+                alike.setdefault(piece.stop - piece.start, []).append(each)
+    return [(samples, np.concatenate(own, axis=1)) for samples, own in alike.items()]
+
+
+def _of_pieces(times: Array, y: Array, samples: int, places: Array) -> Extreme:
+    """Return the largest values of pieces with as many samples each; places (9, P) : see ``COLUMN``."""
+    column, first, start, end = places[:4].astype(int)
+    step, low, high, *sides = places[4:]
+    block = y[first + np.arange(samples)[:, None], column]
+    found = _largest_of_piece(block, low, high)
+    if samples == 1:  # of a single sample between two jumps it is not known where it leads
+        reach = np.minimum(1.0, low + high)
+        near = y[np.clip(first + np.arange(-2, 3)[:, None], start, end), column]
+        found = dataclasses.replace(found, error=reach * steps_beside(near, slice(2, 3)), time_error=reach)
+    found = _beyond(found, block, [side > 0.0 for side in sides])
+    time = times[start] + step * (found.at + (first - start))
+    return dataclasses.replace(found, at=found.at + first, time=time, time_error=step * found.time_error)
+
+
+def _over_pieces(found: Extreme, column: NDArray[np.int_], first: NDArray[np.int_], n: int) -> Extreme:
+    """Return the extremes of n columns from those of all their pieces (P,), which begin with samples ``first``: of
+    equal ones the first in time; errors cover which one is larger."""
+    order, count = np.lexsort((first, column)), np.bincount(column, minlength=n)
+    # (pieces, n); the last of a column, over again, adds nothing to it
+    each = order[np.cumsum(count) - count + np.minimum(np.arange(count.max())[:, None], count - 1)]
+    fields = [getattr(found, f.name)[each] for f in dataclasses.fields(Extreme)]
+    value, error, time, time_error, _ = fields
+    top = value.max(axis=0)
+    k = np.argmax(np.where(value >= top - ALIKE * np.abs(top), -time, -np.inf), axis=0)
+    own = Extreme(*(x[k, np.arange(n)] for x in fields))
+    beyond = (value + error).max(axis=0) - own.value
+    least = (value - error).max(axis=0) - ALIKE * np.abs(own.value)  # that the largest value has
+    rivals = (value + error >= least) & (value != own.value)
+    away = np.where(rivals, np.abs(time - own.time) + time_error, 0.0).max(axis=0)
+    return dataclasses.replace(
+        own, error=np.maximum(own.error, beyond), time_error=np.maximum(own.time_error, away)
+    )
 
 
 def _beyond(found: Extreme, y: Array, sides: Sequence[Array]) -> Extreme:
@@ -136,8 +169,8 @@ def _beyond(found: Extreme, y: Array, sides: Sequence[Array]) -> Extreme:
     return found
 
 
-def _gathered(parts: Sequence[Extreme]) -> Extreme:
-    """Return the extremes of all columns from those of some and of each other one, in their order."""
+def _joined(parts: Sequence[Extreme]) -> Extreme:
+    """Return the extremes of several as those of one."""
     if len(parts) == 1:
         return parts[0]
     fields = {
@@ -230,17 +263,6 @@ def _uniform_tops(y: Array, low: Array, high: Array) -> tuple[Array, Array]:
     top, at, bend = _refined(y, (j, columns), low, high)
     trusted = (top - y[j, columns] > error) | (error < SMOOTH * bend)
     return np.where(trusted, top, y[j, columns]), np.where(trusted, at, j)
-
-
-def _of_piece(y: Array, piece: slice, low: Array, high: Array) -> Extreme:
-    """Return the largest values of a piece of samples, with times in samples from its first."""
-    found = _largest_of_piece(y[piece], low, high)
-    if piece.stop - piece.start > 1 or len(y) == 1:
-        return found
-    # of a single sample between two jumps it is not known where it leads
-    beside = steps_beside(y, piece)
-    reach = np.minimum(1.0, low + high)
-    return dataclasses.replace(found, error=reach * beside, time_error=reach)
 
 
 def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:

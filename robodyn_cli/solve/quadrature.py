@@ -273,21 +273,20 @@ def running(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, float]:
 
 
 @of_any_arrays
-def hidden_jumps(times: Array, y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
-    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it."""
+def hidden_jumps(times: Array, y: Array, breaks: Breaks) -> Sequence[tuple[Any, Hidden]]:
+    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it: those with the
+    same ones together."""
     if len(y) < 2 * POINTS:
         return [(slice(None), ())]
     rough, doubtful = doubts(times, y, breaks)
-    jumps = {k: _jumps(rough[:, k], float(np.ptp(y[:, k]))) for k in np.flatnonzero(doubtful).tolist()}
-    found: list[tuple[slice, Hidden]] = []
-    first = 0
-    for k in [*(k for k, own in jumps.items() if own), y.shape[1]]:
-        if first < k:
-            found.append((slice(first, k), ()))
-        if k < y.shape[1]:
-            found.append((slice(k, k + 1), jumps[k]))
-        first = k + 1
-    return found
+    places = np.flatnonzero(doubtful)
+    jumps = dict(zip(places.tolist(), _jumps(rough[:, places], np.ptp(y[:, places], axis=0))))
+    alike: dict[Hidden, list[int]] = {}
+    for k in range(y.shape[1]):
+        alike.setdefault(tuple(jumps.get(k, ())), []).append(k)
+    if len(alike) == 1:
+        return [(slice(None), next(iter(alike)))]
+    return [(np.array(own), hidden) for hidden, own in alike.items()]
 
 
 def doubts(times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
@@ -300,22 +299,25 @@ def doubts(times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
     return rough, rough.max(axis=0) > least
 
 
-def _jumps(rough: Array, size: float) -> list[int]:
-    """Return the samples behind which a function jumps or bends, from the magnitudes of its sixth differences.
+def _jumps(rough: Array, size: Array) -> list[list[int]]:
+    """Return the samples behind which functions jump or bend, from the magnitudes of their sixth differences (R, n).
 
     A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other.
     """
-    found: list[int] = []
-    least = max(HIDDEN * size, APART * float(rough.max(initial=0.0)))
-    while len(found) < FEW and rough.max() > least:
-        i = int(rough.argmax())
-        before, behind = (rough[k] if 0 <= k < len(rough) else 0.0 for k in (i - 1, i + 1))
-        k = i + POINTS // 2 - (before > behind)
-        around = [rough[x] for x in (k - POINTS, k + 1) if 0 <= x < len(rough)]
-        if max(around, default=0.0) < APART * rough[i]:
-            found.append(k)
-        rough[max(k - POINTS + 1, 0) : k + 1] = 0.0
-    return sorted(found)
+    found: list[list[int]] = [[] for _ in size]
+    least = np.maximum(HIDDEN * size, APART * rough.max(axis=0, initial=0.0))
+    none = np.zeros((POINTS, len(size)))
+    rough = np.concatenate([none, rough, none])
+    columns = np.arange(len(size))
+    while len(columns := columns[rough[:, columns].max(axis=0) > least[columns]]):
+        i = rough[:, columns].argmax(axis=0)
+        k = i + POINTS // 2 - (rough[i - 1, columns] > rough[i + 1, columns])
+        around = np.maximum(rough[k - POINTS, columns], rough[k + 1, columns])
+        for j in np.flatnonzero(around < APART * rough[i, columns]).tolist():
+            found[columns[j]].append(int(k[j]) - POINTS)
+        rough[k - np.arange(POINTS)[:, None], columns] = 0.0
+        columns = columns[[len(found[j]) < FEW for j in columns]]
+    return [sorted(own) for own in found]
 
 
 def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:

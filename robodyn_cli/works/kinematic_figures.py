@@ -76,9 +76,9 @@ def transmission_figures(times: Array, angle: Array, breaks: Sequence[float], cl
     return figures
 
 
-def of_one(figures: Figures) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the values and the errors of figures of one column."""
-    own, off = ({name: float(x[part][0]) for name, x in figures.items()} for part in (0, 1))
+def of_one(figures: Figures, k: int = 0) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the values and the errors of figures of one column, the k-th."""
+    own, off = ({name: float(x[part][k]) for name, x in figures.items()} for part in (0, 1))
     return own, off
 
 

@@ -332,10 +332,15 @@ def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dic
 
 
 def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath]:
+    names = list(result.group("point_velocities"))
+    if not names:
+        return {}
+    groups = ("point_velocities", "point_accelerations")
+    v, a = (np.stack([result[f"{group}/{name}"] for name in names], axis=1) for group in groups)
+    figures = path_figures(result.time, v, a, breaks)
     paths = {}
-    for name, item in result.group("point_velocities").items():
-        v, a = (x[:, None] for x in (item.data, result[f"point_accelerations/{name}"]))
-        own, off = of_one(path_figures(result.time, v, a, breaks))
+    for k, name in enumerate(names):
+        own, off = of_one(figures, k)
         paths[name] = PointPath(**own, errors=PathErrors(**off))
     return paths
 

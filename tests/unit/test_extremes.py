@@ -145,3 +145,32 @@ def test_where_figures_are_looked_at() -> None:
     many = looked_at(np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 1001)[1:-1].tolist())
     assert len(many) == 1000 * 9
     assert len(looked_at(np.linspace(0.0, 1.0, 2), [0.5, 0.5 + 1e-12])) == 2 * 65
+
+
+def test_columns_together_are_what_each_is_alone() -> None:
+    """Smooth ones, with jumps in places of their own, with a bend, of rounding alone; uniform and in stretches."""
+    rng = np.random.default_rng(11)
+    for t, breaks in (
+        (np.linspace(0.0, 2.0, 120), [30.5]), (looked_at(np.linspace(0.0, 2.0, 11), [0.7, 1.3]), []),
+    ):  # fmt: skip
+        smooth = np.sin(np.multiply.outer(t, rng.uniform(1.0, 4.0, 6)) + rng.uniform(0.0, 6.0, 6))
+        jumps = 0.3 * (t[:, None] > [0.4, 0.4, 1.1])
+        noise = 1e-14 * rng.normal(size=(len(t), 2))
+        y = np.column_stack([smooth, smooth[:, :3] + jumps, np.abs(smooth[:, :1]), noise])
+        for figure in (largest, smallest, largest_magnitude):
+            found = figure(t, y, breaks)
+            for k in range(y.shape[1]):
+                alone = figure(t, y[:, [k]], breaks)
+                for name in ("value", "error", "time", "time_error", "at"):
+                    own, other = getattr(found, name)[k], getattr(alone, name)[0]
+                    assert own == pytest.approx(other, rel=1e-9, abs=1e-12 * np.abs(y[:, k]).max()), (k, name)
+
+
+def test_a_time_is_as_uncertain_as_the_pieces_that_may_hold_the_largest_value() -> None:
+    """A top counts that rounding alone tells from the largest one; a top that lies lower does not."""
+    t = np.linspace(0.0, 3.0, 301)
+    top = 1.0 - 4.0 * (t[:, None] % 1.0 - 0.5) ** 2
+    for sizes, apart in (([1.0, 0.2, 0.999], False), ([1.0, 0.2, 1.0 + 1e-13], True)):
+        y = top * np.array(sizes)[np.minimum(t.astype(int), 2)][:, None]
+        found = largest(t, y, [100.0, 200.0])
+        assert found.time[0] == pytest.approx(0.5) and (found.time_error[0] > 1.9) == apart
