@@ -18,6 +18,7 @@ from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.expr.rebuild import APPLY, apply
+from robodyn_cli.results.result import evenly
 from robodyn_cli.spatial.algebra import Array
 
 UNIT = 2.0**-53
@@ -141,7 +142,6 @@ def largest_differences(draws: Array) -> Array:
     return most
 
 
-def few(samples: int, most: int = MOST_SAMPLES) -> Array:
+def few(samples: int) -> Array:
     """Return indices of a few samples out of many, the first and the last among them."""
-    places: Array = np.linspace(0, samples - 1, min(samples, most)).round().astype(int)
-    return places
+    return evenly(samples, MOST_SAMPLES)

@@ -284,3 +284,9 @@ def magnitude(data: Array, names: Sequence[str], letter: str) -> Array:
     """
     columns = [k for k, name in enumerate(names) if name.startswith(letter)]
     return np.asarray(np.sqrt((data[:, columns] ** 2).sum(axis=1)))
+
+
+def evenly(count: int, most: int) -> Array:
+    """Return at most ``most`` of ``count`` samples (..,), evenly apart, the first and the last included."""
+    places: Array = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    return places

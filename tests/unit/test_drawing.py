@@ -21,10 +21,10 @@ from robodyn_cli.report.drawing import paper, symbols
 from robodyn_cli.report.drawing.build import make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.parts import cuboid
-from robodyn_cli.report.drawing.places import KnownNodes, along_motion, evenly, motion_between, nearest
+from robodyn_cli.report.drawing.places import KnownNodes, along_motion, motion_between, nearest
 from robodyn_cli.report.drawing.record import Drawing, mixed
 from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, silhouette, strokes
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, evenly
 
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,
        "assemble": assemble}  # fmt: skip

@@ -26,6 +26,7 @@ from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.over.references import TrialReference
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
+from robodyn_cli.results.result import evenly
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.stability import SpectrumKeys
@@ -290,7 +291,7 @@ class StepEnds:
 def instants(scene: Scene, ref: TrialReference, nq: int, nv: int) -> tuple[Array, Array, Array]:
     """Return times (T,), q (T, nq) and v (T, nv) of the reference at equal distances and where steps end."""
     count = EVENLY if nv <= LONG_CHAIN else FEW
-    places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
+    places = evenly(len(ref.times), count)
     q, v = np.split(ref.states[places], [nq], axis=1)
     if nv > LONG_CHAIN:
         return ref.times[places], q, v
@@ -318,6 +319,6 @@ def step_ends(scene: Scene, ref: TrialReference, most: int) -> tuple[Array, Arra
     driver = Driver(motion.system, method, options, motion.watchers, looks)
     driver.start(0.0, motion.start)
     driver.run(ref.until, Grid(ref.until, 0.0, 0), lambda t, x: None)
-    kept = np.unique(np.linspace(0, len(looks.times) - 1, most).round().astype(int))
+    kept = evenly(len(looks.times), most)
     q, v, _ = motion.system.split(np.array(looks.states)[kept])
     return np.array(looks.times)[kept], q, v

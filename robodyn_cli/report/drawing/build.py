@@ -25,7 +25,6 @@ from robodyn_cli.report.drawing.places import (
     STILL,
     DrawnExpressions,
     arrows,
-    evenly,
     loads,
     motion_between,
     moving_paths,
@@ -34,7 +33,7 @@ from robodyn_cli.report.drawing.record import Drawing, Pin, Stretches, Trail
 from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import POINTS, looks_of
 from robodyn_cli.results.moments import lock_time
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.nested_options import DeployLatch
 from robodyn_cli.scene.types import Scene

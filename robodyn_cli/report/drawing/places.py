@@ -124,11 +124,6 @@ class DrawnExpressions:
         return blocks[0], blocks[1], blocks[2]
 
 
-def evenly(count: int, most: int) -> Array:
-    """Return at most ``most`` of ``count`` samples, evenly apart, the first and the last included."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
-
-
 def along_motion(drawing: Drawing, most: int) -> list[int]:
     """Return at most ``most`` instants equally far apart along the motion, the first and the last included.
 

@@ -16,11 +16,11 @@ from robodyn_cli.report.canvas import Sheet, save
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import make_drawing, require_poses
 from robodyn_cli.report.drawing.camera import View, default_camera
-from robodyn_cli.report.drawing.places import along_motion, evenly
+from robodyn_cli.report.drawing.places import along_motion
 from robodyn_cli.report.movie.frames import Frames, Seen, plan_movie
 from robodyn_cli.report.style import styled
 from robodyn_cli.results.atomic import written
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.checks import MovieReport
 

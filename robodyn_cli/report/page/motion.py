@@ -11,13 +11,13 @@ import numpy as np
 from robodyn_cli.report.drawing.bodies import TracedBody, traced_bodies
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
-from robodyn_cli.report.drawing.places import evenly, nearest
+from robodyn_cli.report.drawing.places import nearest
 from robodyn_cli.report.drawing.record import Drawing, DrawnLatch, DrawnPart, Trail
 from robodyn_cli.report.movie.frames import usual_speed
 from robodyn_cli.report.page.charts import Arrays
 from robodyn_cli.report.style import number, unit
 from robodyn_cli.results.moments import Moment, moments
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.scene.mesh.surfaces import CUBE, Surface
 from robodyn_cli.spatial.algebra import Array
 

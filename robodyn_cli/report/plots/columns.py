@@ -12,11 +12,10 @@ from matplotlib.collections import LineCollection
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import DrawnCurves, curves_of
-from robodyn_cli.report.drawing.places import evenly
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, envelope, limits_near
 from robodyn_cli.report.style import degree_axis, labelled, number
 from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, panel_height
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.spatial.algebra import Array
 
 INSTANTS = 800  # more of them than pixels add nothing

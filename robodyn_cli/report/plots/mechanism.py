@@ -16,7 +16,7 @@ from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.paper import Painted, name_lines
-from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, evenly, moving_paths
+from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.lines import finite, largest, thin_path
@@ -24,7 +24,7 @@ from robodyn_cli.report.looks import POINTS, Looks, looks_of
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import FEW, GREY, TARGET, error_number, number
 from robodyn_cli.results.moments import lock_time
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.spatial.algebra import Array
 
 POSES = 8
