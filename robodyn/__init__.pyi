@@ -244,12 +244,16 @@ def check(
 def compare(
     result: _Result,
     baseline: _Result,
+    more: _Result | Sequence[_Result] | None = None,
     *,
     rtol: float | str = 1e-09,
     atol: float | str = 1e-12,
+    figures: bool = False,
+    latex: bool = False,
+    csv: bool = False,
     progress: _Progress | None = None,
 ) -> Report:
-    """Compare two results, or two directories of results."""
+    """Compare two results, two directories of results, or the figures of several."""
 
 def crosscheck(
     scene: _Scene,
