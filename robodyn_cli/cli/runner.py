@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.progress_line import spent
 from robodyn_cli.errors import OF_STATUS, REPLACING, RobodynError, SceneError, StrictError
 from robodyn_cli.record import record
 
@@ -156,6 +155,8 @@ def show(result: Result, directory: Output, console: Console, describe: Describe
 
 def say_where(directory: Output, console: Console, summary: Mapping[str, Any]) -> None:
     """Print where results are: how many files and what they took, or all of them by name."""
+    from robodyn_cli.cli.progress_line import spent
+
     names, total = directory.outputs, summary.get("wall_time_s", {}).get("total")
     took = "" if total is None else f" in {spent(total)}"
     files = ", ".join(names) if console.verbose else f"{len(names)} files{took}; -v tells more"
