@@ -4,7 +4,7 @@
 
 ``slow.txt``: the functions that ``pytest -m quick`` leaves out, as their first case takes longer than ``SLOW``, so that
 the others together stay below 90 s. ``further.txt``: the cases that ``.ci/run`` leaves to ``.ci/release``, as they are
-beyond the second of their function and take longer than ``LONG``, so that each change waits 15 minutes at most.
+beyond the second of their function and take longer than ``LONG``, so that each change waits less.
 """
 
 from __future__ import annotations
