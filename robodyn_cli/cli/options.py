@@ -8,7 +8,7 @@ import inspect
 import math
 import os
 import stat
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -133,11 +133,6 @@ def complete_keys(incomplete: str) -> list[str]:
     words = [word.strip("'\"") for name in LINES for word in os.environ.get(name, "").split()]
     scene = next((word for word in words if word.endswith((".yaml", ".yml"))), None)
     return [] if scene is None else offered_keys(os.path.expanduser(scene), incomplete)
-
-
-def beginning(names: Iterable[str], begun: str) -> list[str]:
-    """Return the names that a shell offers for the begin of one."""
-    return [name for name in names if name.startswith(begun)]
 
 
 OutDir = Annotated[

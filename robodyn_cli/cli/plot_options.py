@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 import typer
@@ -41,11 +41,16 @@ def plot_list(words: str) -> tuple[str, ...]:
     return names
 
 
+def beginning(names: Iterable[str], begun: str) -> list[str]:
+    """Return the names that a shell offers for the begin of one."""
+    return [name for name in names if name.startswith(begun)]
+
+
 def complete_plots(incomplete: str) -> list[str]:
     """Return the plots that begin with the last name of a list with commas, behind the others, for the shell."""
     before, comma, begun = incomplete.rpartition(",")
     names = dict.fromkeys(place.partition(":")[2] for row in COMMANDS.values() for place in row.plots)
-    return [f"{before}{comma}{name}" for name in names if name.startswith(begun)]
+    return [f"{before}{comma}{name}" for name in beginning(names, begun)]
 
 
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]

@@ -21,9 +21,8 @@ from robodyn_cli.spatial.algebra import Array
 LARGEST = 12  # velocities up to which an exact Jacobian is worth compiling
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared
-SERIES = (
-    80  # operations of the equations up to which Taylor series in lanes are quicker than the default method
-)
+# operations of the equations up to which Taylor series in lanes are quicker than the default method
+SERIES = 80
 LOOSE = 3e-9  # relative tolerance down to which order 12 takes no longer than order 16
 
 Rows = NDArray[np.int64]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robodyn_cli.cli.options import Told, beginning, utf8
+from robodyn_cli.cli.options import Told, utf8
+from robodyn_cli.cli.plot_options import beginning
 
 if TYPE_CHECKING:
     from robodyn_cli.cli.console import Console
