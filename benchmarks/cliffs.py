@@ -1,15 +1,17 @@
 """Cliffs: what each command, and a study of it, takes for every example scene; the slowest ten, with their reason.
 
-    python benchmarks/cliffs.py [--scenes NAME ...] [--most SECONDS] [--quick] [--json FILE]
+    python benchmarks/cliffs.py [--scenes NAME ...] [--most SECONDS] [--repeats N] [--quick] [--json FILE]
 
-Each figure is a process from start to end once all is compiled (the second run counts), in seconds of the processor,
-without plots: the scene's own command, ``info``, ``plan``, ``validate``, and ``sweep`` of its command over its first
-mass, by the run. A process that takes longer than ``--most`` is stopped and counts as that. The reason is what the run
-itself says: the stage of its summary that took longest, of a study how many runs were whole commands.
+Each figure is a process from start to end once all is compiled, in seconds of the processor: the median of several,
+with their range (the first, which compiles, does not count). Plots are left out. There are the scene's own command,
+``info``, ``plan``, ``validate``, and ``sweep`` of its command over its first mass, by the run. A process that takes
+longer than ``--most`` is stopped and counts as that. The reason is what the run itself says: the stage of its summary
+that took longest, of a study how many runs were whole commands.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import re
@@ -23,6 +25,7 @@ from typing import Any
 import measure
 
 SHOWN = 10
+STOPPED = -1  # exit code of a process that takes too long
 RUNS = 50
 LOOKS = ("validate", "info", "plan")
 QUICK = ("configs/2r_circle.yaml", "configs/double_pendulum.yaml")
@@ -60,7 +63,7 @@ def process(line: list[str], most: float, environment: dict[str, str]) -> tuple[
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=most)
         said, code = done.stderr + done.stdout, done.returncode
     except subprocess.TimeoutExpired:
-        return most, "stopped", -1
+        return most, "stopped", STOPPED
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, said, code
 
@@ -79,7 +82,9 @@ def reason(out: Path, said: str) -> str:
     return max(stages, key=stages.__getitem__, default="") if stages else ""
 
 
-def measured(file: Path, command: str, most: float, environment: dict[str, str]) -> dict[str, Any] | None:
+def measured(
+    file: Path, command: str, options: argparse.Namespace, environment: dict[str, str]
+) -> dict[str, Any] | None:
     """Return the row of a command on a scene; None where it does not take the scene."""
     runs, more = 1, ["--no-plots"]
     if command in LOOKS:
@@ -89,20 +94,30 @@ def measured(file: Path, command: str, most: float, environment: dict[str, str])
         if mass is None:
             return None
         runs, more = RUNS, ["--no-plots", "--vary", mass]
-    for again in (False, True):
+
+    def once() -> tuple[float, str, int]:
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "out"
             place = [] if command in LOOKS else ["--out", str(out)]
-            seconds, said, code = process([command, str(file), *more, *place], most, environment)
-            if code in (1, 2, 64, 70):
-                if code == 70:
-                    raise RuntimeError(f"{command} {file.name}: {said.strip().splitlines()[-1]}")
-                return None
-            if again or said == "stopped":
-                why = reason(out, said)
-                break
+            seconds, said, code = process([command, str(file), *more, *place], options.most, environment)
+            if code == 70:
+                raise RuntimeError(f"{command} {file.name}: {said.strip().splitlines()[-1]}")
+            return seconds / runs, reason(out, said), code
+
+    first = once()
+    if first[2] in (1, 2, 64):
+        return None
     name = str(file.relative_to(measure.ROOT))
-    return {"scene": name, "command": command, "seconds": seconds / runs, "runs": runs, "reason": why}
+    found = [first]
+    if first[2] != STOPPED:
+        found = measure.repeated(f"{command} {name}", once, lambda x: x[0], options.repeats)
+    seconds, *ends, repeats = measure.Spread.of([x[0] for x in found])
+    row = {"scene": name, "command": command, "seconds": seconds, "range": ends, "repeats": repeats}
+    return {**row, "runs": runs, "reason": found[-1][1]}
+
+
+def told(row: dict[str, Any]) -> str:
+    return measure.Spread(row["seconds"], *row["range"], row["repeats"]).told(".3g")
 
 
 def main() -> None:
@@ -111,7 +126,7 @@ def main() -> None:
     parser.add_argument(
         "--most", type=float, default=60.0, help="seconds by the clock that a process may take"
     )
-    options = parser.parse_args()
+    options = measure.with_repeats(parser)
     files = [measure.ROOT / name for name in QUICK] if options.quick else scenes()
     if options.scenes:
         files = [x for x in files if any(name in str(x) for name in options.scenes)]
@@ -123,12 +138,12 @@ def main() -> None:
             commands = [own[1] if own else "simulate", "sweep"]
             for command in commands if options.quick else [*commands, *LOOKS]:
                 with report.part(f"{command} {file.name}"):
-                    row = measured(file, command, options.most, environment)
+                    row = measured(file, command, options, environment)
                     if row is not None:
                         report.rows.append(row)
         slowest = sorted(report.rows, key=lambda row: -row["seconds"])[:SHOWN]
         head = ["scene", "command", "most of it", "seconds a run"]
-        body = [[r["scene"], r["command"], r["reason"], f"{r['seconds']:.3g}"] for r in slowest]
+        body = [[r["scene"], r["command"], r["reason"], told(r)] for r in slowest]
         print("\n" + measure.table([head, *body], left=3))
 
 

@@ -18,13 +18,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 ROOT = Path(__file__).resolve().parent.parent
 LIBRARIES = (
     "numpy", "scipy", "llvmlite", "h5py", "typer", "matplotlib", "pin", "mujoco", "heyoka", "casadi", "exudyn", "drake",
     "toppra",
 )  # fmt: skip
+PATIENCE = 60.0  # seconds by the clock, in which what takes long is repeated
+REPEATS = 3  # of what is a run of its own each time
+
+Result = TypeVar("Result")
 
 
 def single_thread() -> None:
@@ -51,6 +55,40 @@ def spread() -> dict[str, Any]:
         return {}
     most, name = max(SPREADS)
     return {"timings": len(SPREADS), "median": median([x for x, _ in SPREADS]), "most": most, "of": name}
+
+
+class Spread(NamedTuple):
+    """The median of a figure over runs, the least and the largest, and how many runs there were."""
+
+    middle: float
+    least: float
+    most: float
+    runs: int
+
+    @staticmethod
+    def of(values: Sequence[float]) -> Spread:
+        return Spread(statistics.median(values), min(values), max(values), len(values))
+
+    def told(self, form: str) -> str:
+        """Return the median in a format, with the range behind it if there were several runs."""
+        if self.runs < 2:
+            return f"{self.middle:{form}}"
+        return f"{self.middle:{form}} ({self.least:{form}} to {self.most:{form}})"
+
+
+def repeated(
+    name: Any, call: Callable[[], Result], seconds: Callable[[Result], float], repeats: int
+) -> list[Result]:
+    """Return what a call gives each time: it is made so often, but not once more where all would take longer than
+    ``PATIENCE``. The spread of the seconds that each says counts for the report."""
+    found: list[Result] = []
+    begun = time.perf_counter()
+    for k in range(max(1, repeats)):
+        if k and (time.perf_counter() - begun) * (k + 1) > PATIENCE * k:
+            break
+        found.append(call())
+    noted(name, [seconds(x) for x in found])
+    return found
 
 
 def warmed(call: Callable[[], Any], samples: int) -> None:
@@ -106,6 +144,19 @@ def command_line(doc: str | None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
     return parser
+
+
+def with_repeats(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """Return the options with ``repeats`` of whole runs, which take an option of their own."""
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        metavar="N",
+        help=f"runs of each, fewer beyond {PATIENCE:.0f} s in all (default: {REPEATS}, 2 by --quick)",
+    )
+    options = parser.parse_args()
+    options.repeats = options.repeats or (2 if options.quick else REPEATS)
+    return options
 
 
 class Report:

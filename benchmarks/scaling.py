@@ -3,6 +3,7 @@
     python benchmarks/scaling.py                            chains, trees and windows; table and exponents
     python benchmarks/scaling.py --commands info inverse    some commands
     python benchmarks/scaling.py --sizes 10 100 --most 60   some sizes; a process may take a minute
+    python benchmarks/scaling.py --repeats 5                medians of five processes, with their range
     python benchmarks/scaling.py --recursions               inverse and forward dynamics of long chains, us a sample
     python benchmarks/scaling.py --quick                    two small sizes
     python benchmarks/scaling.py --scene tree 100           print a scene
@@ -10,7 +11,7 @@
 Chains and trees have random axes, prismatic joints among them, full inertias and offset centres of mass; windows are
 the N-four-bar. Every figure is a process from start to end with an empty cache: seconds of the processor and the most
 memory at a time. Exponents, of both, are slopes of the logarithms between the two largest sizes, of what is above a
-process that does nothing.
+process that does nothing. Each is the median of several processes; what takes longer than a minute in all has fewer.
 
 ``--recursions`` takes chains of revolute joints, in one process on one core: calls of few samples, whose arrays stay in
 the processor's cache, and of many, which go through memory. Minimum of the calls within a second; the exponent is that
@@ -19,6 +20,7 @@ of a line through all sizes.
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import resource
@@ -147,7 +149,7 @@ def main() -> None:
     parser.add_argument("--most", type=float, default=120.0, help="seconds a process may take")
     parser.add_argument("--recursions", action="store_true")
     parser.add_argument("--scene", nargs="*", help="KIND N [COMMAND]: print a scene")
-    options = parser.parse_args()
+    options = measure.with_repeats(parser)
     if options.scene:
         kind, n, *command = options.scene
         print(scene(kind, int(n), command[0] if command else "info"))
@@ -165,30 +167,42 @@ def main() -> None:
                     continue
                 with report.part(f"{kind} {command}"):
                     chosen = sizes or (WINDOWS if kind == "windows" else SIZES)
-                    report.rows.append(over_sizes(kind, command, chosen, options.most, floor))
+                    report.rows.append(over_sizes(kind, command, chosen, options, floor))
 
 
 def over_sizes(
-    kind: str, command: str, sizes: Any, most: float, floor: tuple[float, float]
+    kind: str, command: str, sizes: Any, options: argparse.Namespace, floor: tuple[float, float]
 ) -> dict[str, Any]:
     """Return the costs of a command over sizes, up to the first at which something goes wrong; print them.
 
     floor : seconds and megabytes of a process that does nothing.
     """
     row: dict[str, Any] = {"kind": kind, "command": command, "seconds": {}, "megabytes": {}, "wrong": {}}
+    row["range"] = {}
+    spreads: dict[str, list[str]] = {"seconds": [], "megabytes": []}
     for n in sizes:
-        seconds, memory, wrong = cost(scene(kind, n, command), command, most)
-        row["seconds"][n], row["megabytes"][n] = round(seconds, 2), round(memory)
+        text = scene(kind, n, command)
+        found = measure.repeated(
+            f"{kind} {command} {n}",
+            lambda text=text: cost(text, command, options.most),
+            lambda one: one[0],
+            options.repeats,
+        )
+        seconds, memory = (measure.Spread.of([one[k] for one in found]) for k in (0, 1))
+        row["seconds"][n], row["megabytes"][n] = round(seconds.middle, 2), round(memory.middle)
+        row["range"][n] = [round(seconds.least, 2), round(seconds.most, 2)]
+        wrong = "!" * bool(found[-1][2])
+        spreads["seconds"].append(seconds.told(".2f") + wrong)
+        spreads["megabytes"].append(memory.told(".0f") + wrong)
         if wrong:
-            row["wrong"][n] = wrong
+            row["wrong"][n] = found[-1][2]
             break
     good = [n for n in row["seconds"] if n not in row["wrong"]]
     row["exponent"] = exponent(row["seconds"], good, floor[0], 0.1)
     row["exponent_of_memory"] = exponent(row["megabytes"], good, floor[1], 5.0)
-    marks = ["!" if n in row["wrong"] else "" for n in sizes]
     for unit, slope in (("seconds", "exponent"), ("megabytes", "exponent_of_memory")):
-        cells = [f"{row[unit].get(n, '-')}{mark}" for n, mark in zip(sizes, marks)]
-        print(f"{kind} {command}, {unit}:", *cells, f"; exponent {row[slope]}", flush=True)
+        cells = [*spreads[unit], *["-"] * (len(sizes) - len(spreads[unit]))]
+        print(f"{kind} {command}, {unit}:", ", ".join(cells) + f"; exponent {row[slope]}", flush=True)
     print(*row["wrong"].values(), sep="\n", end="\n" if row["wrong"] else "", flush=True)
     return row
 

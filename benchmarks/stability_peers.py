@@ -1,17 +1,18 @@
 """The stability suite's cases in MuJoCo, Exudyn and scipy, each at settings that a user would start with.
 
-    python benchmarks/stability_peers.py [--cases A,B] [--quick] [--json FILE]
+    python benchmarks/stability_peers.py [--cases A,B] [--repeats N] [--quick] [--json FILE]
 
 Errors are the largest of any position or rate over its range, against the suite's own reference, whose two methods
 agree. Springs, dampers and dry friction of joints, loops and rigid stops are the engines' own as far as they have them
 (``suite_peers``); other torques are functions of ours, applied once a step in MuJoCo. A case that has to stop is told
-in words. Engines that are not installed are left out.
+in words. Engines that are not installed are left out. The seconds of a run are medians of several, with their range.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,15 @@ def passage(found: dict[str, Any], states: np.ndarray | None, mechanism: Mechani
     return {**found, "words": f"{branch}, gap {gap:.0e} m", "gap": gap, "apart": float(apart)}
 
 
-def compare(report: measure.Report, case: Case, text: str | None = None) -> dict[str, Any] | None:
+def timed(seconds: Sequence[float]) -> dict[str, Any]:
+    """Return the median of the seconds of several runs, and their range."""
+    middle, *ends, repeats = measure.Spread.of(seconds)
+    return {"seconds": middle, "range": ends, "repeats": repeats}
+
+
+def compare(
+    report: measure.Report, case: Case, text: str | None = None, repeats: int = 1
+) -> dict[str, Any] | None:
     """Return what robodyn and its peers do with a case (``text``: with another scene); None without a reference."""
     if not case.peers:
         return None
@@ -92,8 +101,11 @@ def compare(report: measure.Report, case: Case, text: str | None = None) -> dict
         ref = reference(scene, BUDGET, _spectrum(scene)[1])
         if ref is None:
             return None
-    own = attempt(scene, "auto", ref, BUDGET)
-    mine: dict[str, Any] = {"status": own.status, "relative": own.relative, "seconds": own.seconds}
+    own, *more = measure.repeated(
+        f"{case.name} robodyn", lambda: attempt(scene, "auto", ref, BUDGET), lambda x: x.seconds, repeats
+    )
+    mine: dict[str, Any] = {"status": own.status, "relative": own.relative}
+    mine |= timed([x.seconds for x in (own, *more)])
     if ref is None:
         mine["words"] = "stops" if own.failure == case.stops else own.status
     found = {"robodyn auto": mine}
@@ -102,7 +114,14 @@ def compare(report: measure.Report, case: Case, text: str | None = None) -> dict
         if not report.has(module):
             continue
         for name, run in runs(mechanism):
-            told, states = outcome(run, times)
+            runs_of_it = measure.repeated(
+                f"{case.name} {name}",
+                lambda run=run: outcome(run, times),
+                lambda x: x[0]["seconds"],
+                repeats,
+            )
+            told, states = runs_of_it[0]
+            told |= timed([x["seconds"] for x, _ in runs_of_it])
             found[name] = passage(told, states, mechanism) if ref is None else judged(told, states, ref)
     row: dict[str, Any] = {"case": case.name, "runs": found}
     return row if ref is None else {**row, "until": ref.until, "digits": ref.digits}
@@ -123,14 +142,14 @@ def main() -> None:
     parser.add_argument(
         "--cases", default="", help="names of the suite's cases; default: all, three by --quick"
     )
-    options = parser.parse_args()
+    options = measure.with_repeats(parser)
     names = options.cases.split(",") if options.cases else [c.name for c in CASES]
     if options.quick and not options.cases:
         names = QUICK
     with measure.reporting(options.json) as report:
         for case in (c for c in CASES if c.name in names):
             with report.part(case.name):
-                row = compare(report, case)
+                row = compare(report, case, repeats=options.repeats)
                 if row is not None:
                     report.rows.append(row)
                     told = {k: shown(v) for k, v in row["runs"].items()}

@@ -1,9 +1,10 @@
 """Peak memory and time of whole sweeps of short double pendulums: 10^4, 10^5 and 10^6 runs.
 
-    python benchmarks/study_memory.py [--quick] [--json FILE]
+    python benchmarks/study_memory.py [--repeats N] [--quick] [--json FILE]
 
 Each is a process of its own, ``robodyn sweep --no-plots`` with random masses and starts; compiled code is in the cache.
-Memory is the largest resident set that the system counted, pages of files included.
+Memory is the largest resident set that the system counted, pages of files included. Figures are medians of several
+processes, with their range.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import ensembles
 import measure
@@ -40,8 +42,23 @@ def sweep(scene: Path, runs: int, environment: dict[str, str]) -> dict[str, floa
     return {"runs": runs, "seconds": seconds, "peak_MB": usage.ru_maxrss / 1024, "result_MB": size / 1e6}
 
 
+def over_repeats(found: list[dict[str, float]]) -> dict[str, Any]:
+    """Return the row of several sweeps: medians, and the range of each figure."""
+    spreads = {key: measure.Spread.of([x[key] for x in found]) for key in found[0]}
+    medians: dict[str, Any] = {key: spread.middle for key, spread in spreads.items()}
+    return {
+        **medians,
+        "repeats": len(found),
+        "range": {key: x[1:3] for key, x in spreads.items() if key != "runs"},
+    }
+
+
+def shown(row: dict[str, Any], key: str, form: str) -> str:
+    return measure.Spread(row[key], *row["range"][key], row["repeats"]).told(form)
+
+
 def main() -> None:
-    chosen = measure.command_line(__doc__).parse_args()
+    chosen = measure.with_repeats(measure.command_line(__doc__))
     measure.print_machine()
     with measure.reporting(chosen.json) as report, tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "pendulum.yaml"
@@ -53,11 +70,17 @@ def main() -> None:
         sweep(scene, 100, environment)
         for runs in (100, 1000) if chosen.quick else (10**4, 10**5, 10**6):
             with report.part(f"{runs} runs"):
-                report.rows.append(sweep(scene, runs, environment))
+                found = measure.repeated(
+                    f"{runs} runs",
+                    lambda runs=runs: sweep(scene, runs, environment),
+                    lambda one: one["seconds"],
+                    chosen.repeats,
+                )
+                report.rows.append(over_repeats(found))
         head = ["runs", "peak memory [MB]", "time [s]", "runs/s", "result.h5 [MB]"]
         body = [
-            [str(r["runs"]), f"{r['peak_MB']:.0f}", f"{r['seconds']:.1f}", f"{r['runs'] / r['seconds']:.0f}",
-             f"{r['result_MB']:.1f}"]
+            [f"{r['runs']:.0f}", shown(r, "peak_MB", ".0f"), shown(r, "seconds", ".1f"),
+             f"{r['runs'] / r['seconds']:.0f}", f"{r['result_MB']:.1f}"]
             for r in report.rows
         ]  # fmt: skip
         print(measure.table([head, *body]))

@@ -114,6 +114,47 @@ def test_revisions_are_compared_figure_by_figure(monkeypatch: pytest.MonkeyPatch
     assert within["ratio"] == pytest.approx(1.15) and within["spread"] == pytest.approx(1.2)
 
 
+def test_the_old_engine_runs_the_scripts_and_scenes_of_the_new_revision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    revisions = importlib.import_module("revisions")
+    report = "import json, sys; json.dump({{'rows': {}}}, open(sys.argv[2], 'w')); sys.exit(1)"
+    engine = "[{{'work': open('robodyn_cli/name').read(), 'ms': len(open('configs/a.yaml').read())}}]"
+    for name in ("old", "new"):
+        for folder in ("benchmarks", "configs", "robodyn_cli"):
+            (tmp_path / name / folder).mkdir(parents=True)
+        (tmp_path / name / "robodyn_cli" / "name").write_text(name, encoding="utf-8")
+    old, new = tmp_path / "old", tmp_path / "new"
+    (old / "benchmarks" / "gone.py").touch()
+    (new / "benchmarks" / "a.py").write_text(report.format(engine.format()), encoding="utf-8")
+    (new / "benchmarks" / "b.py").write_text(report.format([]), encoding="utf-8")
+    (new / "configs" / "a.yaml").write_text("abc", encoding="utf-8")
+    revisions.give(new, old)
+    assert not (old / "benchmarks" / "gone.py").exists()
+    # a script of which a part fails has measured the others
+    assert revisions.run(old, "a.py", "", quick=False) == {("a.py", "old", "0", "ms"): 3.0}
+    with pytest.raises(RuntimeError, match="--own"):
+        revisions.run(old, "b.py", "", quick=False)
+
+
+def test_whole_runs_are_repeated_and_told_with_their_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for those that take long: what would take longer than is waited for is not made again."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    measure = importlib.import_module("measure")
+    clock = iter(range(100))
+    monkeypatch.setattr(measure, "SPREADS", [])
+    monkeypatch.setattr(measure.time, "perf_counter", lambda: 10.0 * next(clock))
+    seconds = iter([3.0, 1.0, 2.0, 9.0])
+    assert measure.repeated("a", lambda: (next(seconds),), lambda x: x[0], 3) == [(3.0,), (1.0,), (2.0,)]
+    spread = measure.Spread.of([3.0, 1.0, 2.0])
+    assert spread == (2.0, 1.0, 3.0, 3) and spread.told(".1f") == "2.0 (1.0 to 3.0)"
+    assert measure.Spread.of([4.0]).told(".2f") == "4.00"
+    assert measure.SPREADS == [(0.5, "a")]
+    monkeypatch.setattr(measure, "PATIENCE", 15.0)
+    assert measure.repeated("b", lambda: (next(seconds),), lambda x: x[0], 3) == [(9.0,)]
+
+
 def test_reports_have_their_revision(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     revision = importlib.import_module("measure").revision()
