@@ -22,8 +22,10 @@ from robodyn_cli.report.drawing.build import make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.parts import cuboid
 from robodyn_cli.report.drawing.places import KnownNodes, along_motion, motion_between, nearest
-from robodyn_cli.report.drawing.record import Drawing, mixed
+from robodyn_cli.report.drawing.record import Drawing, DrawnPart, mixed
 from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, silhouette, strokes
+from robodyn_cli.report.registry import draw
+from robodyn_cli.report.style import styled
 from robodyn_cli.results.result import Result, evenly
 
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,
@@ -189,6 +191,90 @@ initial: {q: {turn: 0}, qd: {turn: 1}}
 simulate: {duration: 1, samples: 11, error_estimate: false}
 """
     assert make_drawing(simulate(load_scene_text(tower))).flat is None
+
+
+@pytest.mark.parametrize("moves", [True, False])
+@pytest.mark.parametrize("gravity", ["[0, 0, -9.81]", "[0, 0, 0]"])
+def test_a_mechanism_in_a_slanting_plane_is_seen_face_on(moves: bool, gravity: str) -> None:
+    """Then links are seen at their true lengths; gravity is down as far as it lies in the plane."""
+    text = f"""
+schema: 1
+gravity: {gravity}
+robot:
+  base: {{rpy: [50 deg, 20 deg, 30 deg]}}
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1], parent: base, link: upper}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], parent: upper, link: lower, origin: {{xyz: [0.7, 0, 0]}}}}
+  links:
+    - {{name: upper, mass: 1, com: [0.3, 0, 0], inertia: {{xx: 0.1, yy: 0.1, zz: 0.1}}}}
+    - {{name: lower, mass: 1, com: [0.2, 0, 0], inertia: {{xx: 0.1, yy: 0.1, zz: 0.1}}}}
+  points: {{tip: {{link: lower, at: [0.4, 0, 0]}}}}
+initial: {{q: {{a: 0.3, b: 0.9}}, qd: {{a: {5.0 * moves}, b: 1}}}}
+simulate: {{duration: 0.2, samples: 11, error_estimate: false}}
+"""
+    result = simulate(load_scene_text(text))
+    if not moves:
+        result["q"][:] = result["q"][:1]
+    drawing = make_drawing(result)
+    x, y, z = (np.radians(angle) for angle in (50.0, 20.0, 30.0))
+    normal = np.array(
+        [
+            np.cos(z) * np.sin(y) * np.cos(x) + np.sin(z) * np.sin(x),
+            np.sin(z) * np.sin(y) * np.cos(x) - np.cos(z) * np.sin(x),
+            np.cos(y) * np.cos(x),
+        ]
+    )
+    assert drawing.flat is None and drawing.normal is not None
+    view = fitted(drawing)
+    assert view.flat and not view.numbered and abs(view.camera.back @ normal) == pytest.approx(1.0, abs=1e-9)
+    assert view.camera.right @ drawing.up == pytest.approx(0.0, abs=1e-9) or gravity == "[0, 0, 0]"
+    for part, length in zip(drawing.links, (0.7, 0.4)):
+        a, b = view.corners[:, list(part.vertices[:2]), :2].transpose(1, 0, 2)
+        assert np.hypot(*(b - a).T) == pytest.approx(length), part.name
+
+
+def test_in_space_joints_are_seen_apart() -> None:
+    """A gate of four posts in a row: seen from its side they would be one."""
+    for angle in (0.0, 40.0, 90.0, 130.0):
+        row = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+        feet = np.arange(4)[:, None] * row
+        places = np.concatenate([feet, feet + [0.0, 0.0, 1.0]])
+        parts = tuple(DrawnPart("link", str(k), (k, k + 4), "#000000") for k in range(4))
+        drawing = Drawing(
+            np.zeros(1), places[None], np.zeros((1, 0, 3)), parts, (), (), (), (), (), (), np.zeros(3)
+        )
+        back = default_camera(drawing).back
+        across = back - (back @ [0.0, 0.0, 1.0]) * np.array([0.0, 0.0, 1.0])
+        assert abs(across @ row) < 0.8 * np.linalg.norm(across)
+
+
+FOLDED = {"four_bar_deploy": (150.46, -165.23, 165.23), "four_bar_kinematics": (75.0, -50.0, 60.0)}
+
+
+@pytest.mark.parametrize("name", FOLDED)
+def test_names_of_links_touch_nothing_that_is_not_theirs(name: str) -> None:
+    path = next(path for path in SCENES if path.stem == name)
+    result = Result("simulate", "", "ok", load_scene(path).text)
+    result.add("time", np.zeros(1))
+    result.add("q", np.radians([FOLDED[name]]))
+    with styled():
+        figure = draw(result, "mechanism")
+    renderer, ax = FigureCanvasAgg(figure).get_renderer(), figure.axes[0]
+    view = fitted(make_drawing(result))
+    scale = figure.dpi / 72.0
+    links = {part.name: view.corners[0, list(part.vertices), :2] for part in view.drawing.links}
+    assert {text.get_text() for text in ax.texts} == set(links)
+    boxes = {text.get_text(): text.get_window_extent(renderer) for text in ax.texts}
+    for own, box in boxes.items():
+        assert not any(box.overlaps(other) for name_, other in boxes.items() if name_ != own)
+        for other, corners in links.items():
+            for a, b in zip(corners, np.roll(corners, -1, axis=0)) if other != own else ():
+                along = ax.transData.transform(a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a))
+                off = np.maximum(
+                    np.abs(along - box.get_points().mean(axis=0)) - 0.5 * np.array([box.width, box.height]),
+                    0.0,
+                )
+                assert np.hypot(*off.T).min() >= 0.5 * view.link_width * scale, (own, other)
 
 
 # -- camera ---------------------------------------------------------------------------------------------------
@@ -377,6 +463,9 @@ def test_a_damper_about_a_joint_is_a_dashpot_and_none_hides_a_long_chain(
     assert len(curled) == joints * drawn
     in_parts = [s for s in curled if np.isnan(s.points).any()]
     assert len(in_parts) == joints * drawn * damper // max(1, spring + damper), "a dashpot consists of parts"
+    circles = [s for s in strokes(view, 0, grid=False) if s.closed and len(s.points) == len(symbols.CIRCLE)]
+    widest = max(float(np.ptp(s.points, axis=0).max()) + s.width * view.pt for s in circles)
+    assert len(circles) >= joints and widest < 0.4 * distance, "marks leave most of each link to be seen"
 
 
 def test_faint_poses_of_a_slide_show_its_block_and_of_a_body_its_box() -> None:

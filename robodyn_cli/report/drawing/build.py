@@ -127,7 +127,9 @@ def drawing_of(
     payloads = payload_parts(model, expressions) if model.payloads else []
     vertices, axes, forces = expressions.evaluate(t, q, np.zeros((len(t), model.nv)) if v is None else v)
     vertices = finite(vertices)
-    flat = flat_axis(vertices[:, :of_mechanism])
+    boxes = {vertex for part in parts if part.kind == "solid" for vertex in part.vertices}
+    slim = [vertex for vertex in range(of_mechanism) if vertex not in boxes]
+    flat, normal = plane_of(vertices[:, :of_mechanism], slim)
     if payloads:
         put_payloads(result, model, payloads, t, vertices)
     return Drawing(
@@ -147,6 +149,7 @@ def drawing_of(
         ),
         gravity=np.array(scene.gravity, dtype=float),
         flat=flat,
+        normal=normal,
     )
 
 
@@ -225,21 +228,48 @@ def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[
     return {**paths, **fine}
 
 
-def flat_axis(points: Array) -> int | None:
-    """Return the world's axis across the plane of a planar mechanism, by its places (T, N, 3): nothing moves along it
-    and little extends.
+def plane_of(points: Array, slim: Sequence[int]) -> tuple[int | None, Array | None]:
+    """Return across which of the world's axes a mechanism is planar, by its places (T, N, 3), or else the normal (3,)
+    of its plane; None of both in space.
 
-    A mechanism that turns about other axes only by chance (a pendulum of a ball joint swinging in a plane) counts as
+    Across a plane nothing moves, and little extends of the ``slim`` places: not of boxes that stand for bodies. A
+    mechanism that turns about other axes only by chance (a pendulum of a ball joint swinging in a plane) counts as
     planar: that is how it is seen best. z comes first, then y.
     """
     points = points[np.isfinite(points).all(axis=(1, 2))]
     if not points.size:
-        return None
+        return None, None
     for axis in (2, 1, 0):
-        others = [k for k in range(3) if k != axis]
-        size = float(np.ptp(points[:, :, others].reshape(-1, 2), axis=0).max(initial=0.0))
-        along = points[:, :, axis]
-        moved = float(np.ptp(along, axis=0).max(initial=0.0))
-        if moved <= STILL * size and float(np.ptp(along)) <= THIN * size:
-            return axis
-    return None
+        if _is_normal(np.eye(3)[axis], points, slim):
+            return axis, None
+    normal = _normal(points)
+    return None, normal if normal is not None and _is_normal(normal, points, slim) else None
+
+
+def _is_normal(normal: Array, points: Array, slim: Sequence[int]) -> bool:
+    """Tell whether places (T, N, 3) do not move along a unit vector, and the ``slim`` ones extend little along it."""
+    along = points @ normal
+    across = points - along[..., None] * normal
+    size = float(np.ptp(across.reshape(-1, 3), axis=0).max(initial=0.0))
+    moved = float(np.ptp(along, axis=0).max(initial=0.0))
+    thick = float(np.ptp(along[:, list(slim)])) if slim else 0.0
+    return moved <= STILL * size and thick <= THIN * size
+
+
+def _normal(points: Array) -> Array | None:
+    """Return the normal (3,) of the plane that places (T, N, 3) move in, or lie in where they move along a line or not
+    at all; None where a line holds all."""
+    moves, lies = (x.reshape(-1, 3) for x in (points - points[:1], points - points.mean(axis=(0, 1))))
+    size = np.abs(lies).max()
+    ways, along = _axes(moves, size)
+    if ways < 2:
+        held = along[:ways]
+        more, across = _axes(lies - lies @ held.T @ held, size)
+        ways, along = ways + more, np.concatenate([held, across])
+    return np.cross(along[0], along[1]) if ways >= 2 else None
+
+
+def _axes(vectors: Array, size: float) -> tuple[int, Array]:
+    """Return along how many directions vectors (K, 3) extend, and unit vectors (3, 3) along these, longest first."""
+    _, sizes, axes = np.linalg.svd(vectors, full_matrices=False)
+    return int(np.sum(sizes > STILL * size)), axes

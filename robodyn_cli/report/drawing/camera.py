@@ -13,11 +13,15 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.report.drawing.record import Drawing
+from robodyn_cli.results.result import evenly
 from robodyn_cli.spatial.algebra import Array
 
 AXES = ("x", "y", "z")
-ELEVATION = math.radians(22.0)
-AZIMUTHS = 12  # directions to look from that are compared
+AZIMUTHS = 24  # directions to look from that are compared, at each of the elevations
+ELEVATIONS = tuple(math.radians(x) for x in (22.0, 12.0, 35.0))
+PLACES, INSTANTS = 80, 9  # of joints and links at most, and at how many instants, that are to be seen apart
+APART = 0.08  # of the size, at which two places count as apart
+USUAL = 1.1  # by how much another direction must be better than the usual one
 DISTANCE = 2.6  # of the eye, over the largest extent
 
 
@@ -68,9 +72,10 @@ def along_axis(axis: int) -> Camera:
 
 
 def default_camera(drawing: Drawing) -> Camera:
-    """Return the view of a drawing: flat of a planar mechanism, else in perspective, against gravity upwards.
+    """Return the view of a drawing: face on of a planar mechanism, else in perspective, against gravity upwards.
 
-    Of some directions around, that one is taken from which the shadow of everything is largest.
+    Of directions around and above, that one is taken from which joints and links lie apart over the whole motion, and
+    the shadow of everything is large.
     """
     if drawing.flat is not None:
         return along_axis(drawing.flat)
@@ -79,20 +84,65 @@ def default_camera(drawing: Drawing) -> Camera:
         return along_axis(2)
     low, high = points.min(axis=0), points.max(axis=0)
     target = 0.5 * (low + high)
-    up = drawing.up
+    if drawing.normal is not None:
+        return face_on(drawing.normal, drawing.up, target)
+    cameras = _around(drawing.up, target, DISTANCE * drawing.size)
+    sample = (points - target)[:: max(1, len(points) // 2000)]
+    shadows = np.array([_shadow(camera, sample) for camera in cameras])
+    seen = np.sqrt(np.sqrt(np.maximum(shadows, 0.0) / max(float(shadows.max()), 1e-300)))
+    places = _to_tell_apart(drawing)
+    if places.shape[1] > 1:
+        seen = 0.5 * seen + [_apart(camera, places, APART * drawing.size) for camera in cameras]
+    seen[0] *= USUAL
+    return cameras[int(np.argmax(seen))]
+
+
+def face_on(normal: Array, up: Array, target: Array) -> Camera:
+    """Return the view along the normal of a plane, without perspective, against gravity upwards where it has a part in
+    the plane."""
+    level = up - (up @ normal) * normal
+    size = float(np.linalg.norm(level))
+    high = level / size if size > 0.1 else np.cross(normal, _across(normal))
+    # of both sides of the plane the one that shows the world's axes as they are drawn: x to the right, y away or up
+    side = normal if np.cross(high, normal).sum() >= 0.0 else -normal
+    return Camera(np.cross(high, side), high, side, target)
+
+
+def _around(up: Array, target: Array, distance: float) -> list[Camera]:
+    """Return cameras around a place and above it, the usual one first."""
     first = _across(up)
     second = np.cross(up, first)
     cameras = []
-    for k in range(AZIMUTHS):
-        angle = 2.0 * math.pi * k / AZIMUTHS - math.pi / 3.0
-        flat = math.cos(angle) * first + math.sin(angle) * second
-        back = math.cos(ELEVATION) * flat + math.sin(ELEVATION) * up
-        right = np.cross(up, flat)
-        cameras.append(Camera(right, np.cross(back, right), back, target, DISTANCE * drawing.size))
-    sample = (points - target)[:: max(1, len(points) // 2000)]
-    # the first is the usual one, and it is kept unless another shows clearly more
-    shadows = [_shadow(camera, sample) * (1.0 if k else 1.3) for k, camera in enumerate(cameras)]
-    return cameras[int(np.argmax(shadows))]
+    for elevation in ELEVATIONS:
+        for k in range(AZIMUTHS):
+            angle = 2.0 * math.pi * k / AZIMUTHS - math.pi / 3.0
+            flat = math.cos(angle) * first + math.sin(angle) * second
+            back = math.cos(elevation) * flat + math.sin(elevation) * up
+            right = np.cross(up, flat)
+            cameras.append(Camera(right, np.cross(back, right), back, target, distance))
+    return cameras
+
+
+def _to_tell_apart(drawing: Drawing) -> Array:
+    """Return places (K, N, 3) of joints, of the ends of links and of their middles, at some instants."""
+    few = drawing.vertices[evenly(len(drawing.vertices), INSTANTS)]
+    ends = sorted({vertex for part in drawing.links for vertex in part.vertices})
+    joints = sorted({pin.vertex for pin in drawing.pins} - set(ends))
+    middles = [few[:, list(part.vertices)].mean(axis=1) for part in drawing.links if len(part.vertices) > 1]
+    places = np.concatenate([few[:, [*ends, *joints]], *(middle[:, None] for middle in middles)], axis=1)
+    places = places[:, np.isfinite(places).all(axis=(0, 2))]
+    return np.asarray(places[:, evenly(places.shape[1], PLACES)])
+
+
+def _apart(camera: Camera, places: Array, enough: float) -> float:
+    """Return how far places (K, N, 3) that are apart in space are seen apart: 1 if all of them by ``enough`` [m]."""
+    seen = np.stack([places @ camera.right, places @ camera.up], axis=-1)
+    first, second = np.triu_indices(places.shape[1], 1)
+    gaps, lengths = (
+        np.minimum(np.linalg.norm(x[:, first] - x[:, second], axis=-1), enough) for x in (seen, places)
+    )
+    # places that are nearly one tell nothing
+    return float(np.sum(gaps * lengths) / max(float(np.sum(lengths * lengths)), 1e-300))
 
 
 def _across(up: Array) -> Array:
@@ -111,7 +161,9 @@ def _shadow(camera: Camera, points: Array) -> float:
     return xx * yy - xy * xy
 
 
-WIDEST, NARROWEST = 9.0, 2.2  # of a link [pt]
+WIDEST, NARROWEST = 9.0, 1.0  # of a link [pt]
+USUAL_WIDTH = 2.2  # of links [pt], below which marks and lines of joints are smaller as links are
+LARGEST = 4.0  # radius of a joint [pt]
 MARGIN = 0.07  # around the drawing, of its extent
 ARROW = 0.22  # length of the largest arrow, of the drawing's size
 PITCHES = (1.0, 2.0, 5.0, 10.0)
@@ -150,6 +202,16 @@ class View:
         """Width of links [pt]: less where they are short."""
         return float(np.clip(0.11 * self.length / self.pt, NARROWEST, WIDEST)) if self.length else 6.0
 
+    @property
+    def finer(self) -> float:
+        """Factor of marks and their lines: below 1 where links are so short that they would hide them."""
+        return min(1.0, self.link_width / USUAL_WIDTH)
+
+    @property
+    def radius(self) -> float:
+        """Radius of joints [pt]: as large as links are wide, and never larger than they are long."""
+        return float(min(0.36 * max(self.link_width, USUAL_WIDTH) + 0.9, LARGEST)) * self.finer
+
     @cached_property
     def length(self) -> float:
         """Median length of links as they are seen first [m], 0 where none has any."""
@@ -163,8 +225,13 @@ class View:
 
     @property
     def flat(self) -> bool:
-        """Whether the view is along an axis, without perspective."""
+        """Whether the view is without perspective: along a world's axis or across the plane of a mechanism."""
         return not math.isfinite(self.camera.distance)
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the view is along one of the world's axes, and keeps its coordinates."""
+        return self.camera.labels is not None
 
     @property
     def nearer(self) -> float:

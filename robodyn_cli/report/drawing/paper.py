@@ -138,7 +138,7 @@ def axes_below(sheet: Sheet, views: list[View]) -> list[Axes]:
 def put(ax: Axes, view: View, k: int, before: list[Stroke] | None = None, grid: bool = True) -> Any:
     """Add the drawing at its k-th instant to axes that are set up; ``before`` lies below it."""
     artist = ax.add_artist(Painted([*(before or []), *strokes(view, k, grid)]))
-    if not view.flat:
+    if not view.numbered:
         cross_of_axes(ax, view)
     return artist
 
@@ -176,7 +176,9 @@ def cross_of_axes(ax: Axes, view: View) -> None:
 def where(view: View) -> str:
     """Return from where a view is seen, in words."""
     labels = view.camera.labels
-    return "in perspective" if labels is None else f"in the {labels[0][0]}-{labels[1][0]} plane"
+    if labels is None:
+        return "face on to its plane" if view.flat else "in perspective"
+    return f"in the {labels[0][0]}-{labels[1][0]} plane"
 
 
 def caption(view: View, grid: bool = True) -> str:
@@ -188,20 +190,24 @@ def caption(view: View, grid: bool = True) -> str:
 
 
 def outlines(view: View, k: int) -> dict[str, Array]:
-    """Return the line (n, 2) of each link at an instant, for names beside it."""
+    """Return the line (n, 2) of each link at an instant, closed where it has an area, for names beside it."""
     lines = {}
     for part in view.drawing.links:
         points = view.corners[k, list(part.vertices), :2]
         if len(points) and np.isfinite(points).all():
-            lines[part.name] = symbols.hull(points) if len(points) > 2 else points
+            corners = symbols.hull(points)
+            lines[part.name] = np.concatenate([corners, corners[:1]]) if len(corners) > 2 else corners
     return lines
 
 
 ALONG = (0.5, 0.35, 0.65, 0.22, 0.78)  # places along a line that are tried
-GAP = 8.0  # points between the middle of a line and its name
+GAPS = (8.0, 13.0, 20.0, 30.0)  # points between the middle of a line and its name
+LEADS = 13.0  # gap from which on a thin line leads from a name to its line
 LETTER_WIDTH, LETTER_HEIGHT = 0.62, 1.25  # of a character, over the font size
 OVERLAP = 1000.0  # cost of covering another name
-PER_LINE = 40  # points by which a line is represented
+FOREIGN = 50.0  # of touching a place of another link or a joint
+FAR = 0.4  # of each point away
+STEP = 2.0  # between places by which a line is represented [pt]
 
 
 def points_per_unit(ax: Any) -> float:
@@ -211,28 +217,37 @@ def points_per_unit(ax: Any) -> float:
     return float(np.min(np.array([box.width, box.height]) * figure / np.maximum(spans, 1e-300)))
 
 
-def name_lines(ax: Any, lines: dict[str, Array], obstacles: list[Array]) -> None:
-    """Write each name beside its line, (n, 2) in data units; ``obstacles`` are further lines to keep off.
+def name_lines(ax: Any, view: View, k: int, faint: list[Array]) -> None:
+    """Write the name of each link of a view's k-th instant beside it; ``faint`` are further lines to keep off.
 
-    Of some places along each line, on either side, the one is taken whose box covers the least of other names, of
-    lines and of the edge of the drawing.
+    Of some places along each link, on either side and at some distances, the one is taken whose box covers the least of
+    other names, of other links and joints, of faint lines and of the edge of the drawing.
     """
-    if not lines:
-        return
+    lines = outlines(view, k)
     scale = points_per_unit(ax)
     taken: list[Array] = []
-    drawn = np.concatenate([_sampled(line * scale) for line in [*lines.values(), *obstacles]])
+    drawn = {name: _sampled(line * scale) for name, line in lines.items()}
+    pins = view.corners[k, [pin.vertex for pin in view.drawing.pins], :2].reshape(-1, 2) * scale
+    pale = np.concatenate([_sampled(line * scale) for line in faint]) if faint else np.zeros((0, 2))
     edges = np.array([ax.get_xlim(), ax.get_ylim()]) * scale
     for name, line in lines.items():
         size = style.FONT_SIZE * np.array([LETTER_WIDTH * len(name), LETTER_HEIGHT])
+        others = [points for other, points in drawn.items() if other != name]
+        solid = [(points, 0.5 * view.link_width) for points in others] + [(pins, view.radius + 0.6)]
         places = _places(line * scale, size)
-        if not len(places):
+        costs = [
+            _cost(centre, size, taken, edges)
+            + FOREIGN * sum(_covered(centre, size, points, reach) for points, reach in solid)
+            + _covered(centre, size, np.concatenate([pale, drawn[name]]), 0.0)
+            + FAR * gap
+            for centre, _, gap in places
+        ]
+        if not places or min(costs) >= OVERLAP:  # no name is better than two that nobody can read
             continue
-        costs = [_cost(centre, size, taken, drawn, edges) + 0.1 * k for k, centre in enumerate(places)]
-        if min(costs) >= OVERLAP:  # no name is better than two that nobody can read
-            continue
-        centre = places[int(np.argmin(costs))]
+        centre, foot, gap = places[int(np.argmin(costs))]
         taken.append(np.concatenate([centre - 0.5 * size, centre + 0.5 * size]))
+        if gap > LEADS:
+            ax.plot(*(np.array([centre, foot]) / scale).T, color=style.GREY, linewidth=0.6, zorder=5.5)
         ax.annotate(
             name,
             centre / scale,
@@ -246,32 +261,45 @@ def name_lines(ax: Any, lines: dict[str, Array], obstacles: list[Array]) -> None
 
 def _sampled(line: Array) -> Array:
     """Return points along a line [pt]."""
-    u = np.linspace(0.0, len(line) - 1.0, PER_LINE)
-    k = np.arange(len(line))
-    return np.column_stack([np.interp(u, k, line[:, 0]), np.interp(u, k, line[:, 1])])
+    lengths = np.hypot(*np.diff(line, axis=0).T) if len(line) > 1 else np.zeros(0)
+    at = np.concatenate([[0.0], np.cumsum(lengths)])
+    if not np.isfinite(at).all():
+        return line[np.isfinite(line).all(axis=1)]
+    u = np.linspace(0.0, at[-1], int(min(at[-1] / STEP, 1000.0)) + 1)
+    return np.column_stack([np.interp(u, at, line[:, 0]), np.interp(u, at, line[:, 1])])
 
 
-def _places(line: Array, size: Array) -> list[Array]:
-    """Return centres of boxes beside the first stretch of a line [pt]; the box touches the line nowhere."""
-    first, last = line[0], line[min(1, len(line) - 1)]
-    if not np.isfinite([first, last]).all():
-        return []
-    d = last - first
-    length = float(np.hypot(*d))
-    normal = np.array([-d[1], d[0]]) / length if length > 1e-6 else np.array([0.6, 0.8])
-    reach = 0.5 * float(np.abs(normal) @ size) + GAP
-    # above the line first
-    side = normal if normal[1] >= 0.0 else -normal
-    return [first + u * d + sign * reach * side for u in ALONG for sign in (1.0, -1.0)]
+def _places(line: Array, size: Array) -> list[tuple[Array, Array, float]]:
+    """Return centres of boxes beside the stretches of a line [pt], the place on it that each is beside, and how far
+    away it is; the box touches its stretch nowhere."""
+    found = []
+    for first, last in zip(line, line[1:] if len(line) > 1 else line):
+        if not np.isfinite([first, last]).all():
+            continue
+        d = last - first
+        length = float(np.hypot(*d))
+        normal = np.array([-d[1], d[0]]) / length if length > 1e-6 else np.array([0.6, 0.8])
+        reach = 0.5 * float(np.abs(normal) @ size)
+        # above the line first
+        side = normal if normal[1] >= 0.0 else -normal
+        found += [
+            (first + u * d + sign * (reach + gap) * side, first + u * d, gap)
+            for gap in GAPS
+            for u in ALONG
+            for sign in (1.0, -1.0)
+        ]
+    return found
 
 
-def _cost(centre: Array, size: Array, taken: list[Array], drawn: Array, edges: Array) -> float:
+def _covered(centre: Array, size: Array, points: Array, reach: float) -> int:
+    """Return how many points come nearer than ``reach`` to a box."""
+    off = np.maximum(np.abs(points - centre) - 0.5 * size, 0.0)
+    return int(np.sum(np.hypot(*off.T) <= reach))
+
+
+def _cost(centre: Array, size: Array, taken: list[Array], edges: Array) -> float:
+    """Return what a box costs by the names that it would cover, and by how far it leaves the drawing."""
     low, high = centre - 0.5 * size, centre + 0.5 * size
-    cost = 0.0
-    for other in taken:
-        overlap = np.minimum(high, other[2:]) - np.maximum(low, other[:2])
-        if np.all(overlap > -1.0):
-            cost += OVERLAP
-    inside = np.all((drawn > low) & (drawn < high), axis=1)
+    overlaps = [np.minimum(high, other[2:]) - np.maximum(low, other[:2]) for other in taken]
     outside = np.maximum(edges[:, 0] - low, 0.0) + np.maximum(high - edges[:, 1], 0.0)
-    return cost + float(inside.sum()) + 10.0 * float(outside.sum())
+    return OVERLAP * sum(bool(np.all(x > -1.0)) for x in overlaps) + 10.0 * float(outside.sum())

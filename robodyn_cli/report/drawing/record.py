@@ -138,7 +138,8 @@ class Drawing:
 
     times : (T,) [s]. vertices : (T, N, 3) in the world [m]. axes : (T, M, 3), unit vectors of joints' axes. masses :
     vertices that are centres of mass. bobs : those that stand for a body without extent. gravity : (3,) [m/s^2].
-    flat : index of the world's axis along which nothing moves and little extends; None in space.
+    flat : index of the world's axis along which nothing moves and little extends; None in space. normal : (3,), that
+    direction of a mechanism that is planar across none of the world's axes.
     """
 
     times: Array
@@ -153,6 +154,7 @@ class Drawing:
     latches: tuple[DrawnLatch, ...]
     gravity: Array
     flat: int | None = None
+    normal: Array | None = None
 
     @property
     def links(self) -> tuple[DrawnPart, ...]:

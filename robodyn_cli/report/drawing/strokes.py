@@ -44,7 +44,7 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     for place, part in enumerate(view.drawing.parts):
         drawn += _part(view, k, part, width, place)
     drawn += _masses(view, k, width)
-    drawn += pin_strokes(view, k, width, BODY if not view.flat else ON_TOP)
+    drawn += pin_strokes(view, k, BODY if not view.flat else ON_TOP)
     for latch in view.drawing.latches:
         drawn += _latch(view, latch, k, width)
     drawn += _arrows(view, k)
@@ -66,7 +66,7 @@ def silhouette(view: View, k: int) -> list[Array]:
             points = view.corners[k, list(part.vertices), :2]
             if np.isfinite(points).all():
                 lines.append(_outline(points, view.pt))
-    lines += symbols.blocks(view, k, view.link_width, without=extended)
+    lines += symbols.blocks(view, k, without=extended)
     for vertex in _discs(view) - extended:
         at = view.corners[k, vertex, :2]
         if np.isfinite(at).all():
@@ -80,7 +80,7 @@ def _discs(view: View) -> set[int]:
 
 
 def _disc(view: View, at: Array, width: float) -> Array:
-    return symbols.circle(at, (0.55 * width + 2.5) * view.pt)
+    return symbols.circle(at, (0.55 * width + 2.5 * view.finer) * view.pt)
 
 
 def _outline(points: Array, pt: float) -> Array:
@@ -232,12 +232,16 @@ def _masses(view: View, k: int, width: float) -> list[Stroke]:
             disc = _disc(view, np.array([x, y]), width)
             edge, fill = mixed(colour, INK, 0.35), mixed(colour, PAPER, 0.5)
             drawn.append(Stroke(disc, edge, 0.9, fill, True, layer, depth + bias))
-    radius = float(np.clip(0.36 * width, 1.6, 3.2)) * view.pt
+    radius = float(np.clip(0.36 * width, 1.6, 3.2)) * view.finer * view.pt
     for vertex in view.drawing.masses:
         x, y, depth = view.corners[k, vertex]
         if np.isfinite(x + y):
             centre = np.array([x, y])
-            drawn.append(Stroke(symbols.circle(centre, radius), INK, 0.6, PAPER, True, layer, depth + bias))
+            drawn.append(
+                Stroke(
+                    symbols.circle(centre, radius), INK, 0.6 * view.finer, PAPER, True, layer, depth + bias
+                )
+            )
             drawn.append(Stroke(symbols.quartered(centre, radius), INK, 0.0, INK, True, layer, depth + bias))
     return drawn
 
@@ -247,7 +251,7 @@ def _latch(view: View, latch: DrawnLatch, k: int, width: float) -> list[Stroke]:
     a, joint, b = view.corners[k, list(latch.vertices), :2]
     if not np.isfinite([a, joint, b]).all():
         return []
-    reach = (2.0 * width + 4.0) * view.pt
+    reach = (2.0 * width + 4.0 * view.finer) * view.pt
     arms = [
         joint + reach * d
         for d in (symbols.direction(a - joint), symbols.direction(b - joint))
@@ -256,11 +260,15 @@ def _latch(view: View, latch: DrawnLatch, k: int, width: float) -> list[Stroke]:
     closed = latch.is_closed(view.drawing.times[k])
     colour = ALARM if closed else mixed(INK, PAPER, 0.3)
     plate = symbols.joined([np.array([joint, arm]) for arm in (arms if closed else arms[:1])])
-    drawn = [Stroke(plate, colour, max(0.45 * width, 2.0), layer=LATCH)]
+    drawn = [Stroke(plate, colour, max(0.45 * width, 2.0 * view.finer), layer=LATCH)]
     for arm in arms if closed else arms[:1]:
         drawn.append(Stroke(symbols.circle(arm, 0.3 * width * view.pt), colour, 0.8, PAPER, True, LATCH, 1.0))
     if closed:
-        drawn.append(Stroke(symbols.circle(joint, 1.3 * width * view.pt), ALARM, 1.4, None, True, LATCH, 2.0))
+        drawn.append(
+            Stroke(
+                symbols.circle(joint, 1.3 * width * view.pt), ALARM, 1.4 * view.finer, None, True, LATCH, 2.0
+            )
+        )
     return drawn
 
 

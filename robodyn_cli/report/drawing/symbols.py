@@ -119,6 +119,7 @@ LARGE, LEAST = (
     3.2,
     2.5,
 )  # symbols about an axis, and the smallest ones that are drawn, over the radius of a joint
+LEAST_REACH = 4.2  # of such a symbol [pt]
 PART = 0.3  # of the distance to the nearest other joint, which a symbol may take
 
 
@@ -184,22 +185,17 @@ SUPPORT = 11.0  # height of the triangle below a joint on the ground [pt]
 SLIDING = ("slide", "sleeve", "table")
 
 
-def _radius(view: View, width: float) -> float:
-    """Return the radius of a joint beside links of a width [pt]."""
-    return float(np.clip(0.36 * width + 0.9, 1.7, 4.0)) * view.pt
-
-
-def blocks(view: View, k: int, width: float, without: set[int]) -> list[Array]:
+def blocks(view: View, k: int, without: set[int]) -> list[Array]:
     """Return the outlines (4, 2) of what slides at an instant, but for those at some vertices."""
     pins = [pin for pin in view.drawing.pins if pin.kind in SLIDING and pin.vertex not in without]
     places = [(pin, view.corners[k, pin.vertex, :2]) for pin in pins]
-    radius = _radius(view, width)
+    radius = view.radius * view.pt
     return [_mark(view, k, pin, at, radius)[0].points for pin, at in places if np.isfinite(at).all()]
 
 
-def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
-    """Return the strokes of all joints and closures at an instant; ``width`` of the links [pt]."""
-    radius = _radius(view, width)
+def pin_strokes(view: View, k: int, layer: int) -> list[Stroke]:
+    """Return the strokes of all joints and closures at an instant, with lines as fine as the marks are small."""
+    radius = view.radius * view.pt
     drawn: list[Stroke] = []
     for pin in view.drawing.pins:
         at = view.corners[k, pin.vertex]
@@ -209,10 +205,13 @@ def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
         if pin.grounded and view.flat:
             drawn += _on_ground(view, pin, at[:2], radius)
         reach = min(LARGE * radius, PART * pin.room)
-        for kind in pin.about if reach >= LEAST * radius else ():
+        for kind in pin.about if reach >= max(LEAST * radius, LEAST_REACH * view.pt) else ():
             points = about(kind, at[:2], reach, beside=len(pin.about) > 1)
             drawn.append(Stroke(points, INK, 1.0, layer=layer, depth=depth))
-        drawn += [stroke._replace(layer=layer, depth=depth) for stroke in _mark(view, k, pin, at[:2], radius)]
+        drawn += [
+            stroke._replace(layer=layer, depth=depth, width=stroke.width * view.finer)
+            for stroke in _mark(view, k, pin, at[:2], radius)
+        ]
     return drawn
 
 

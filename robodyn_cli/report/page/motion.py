@@ -158,7 +158,7 @@ def _trail(trail: Trail, most: int, arrays: Arrays) -> dict[str, Any]:
 
 def _view(view: View) -> dict[str, Any]:
     """Return from where the drawing is seen first, and the lengths that its marks are scaled by."""
-    names = [None, *SIDES] if not view.flat else [None]
+    names = [None] if view.numbered else [None, *SIDES]
     cameras = [view.camera if name is None else along_axis(SIDES[name]) for name in names]
     floor = view.floor
     return {
@@ -173,7 +173,7 @@ def _view(view: View) -> dict[str, Any]:
 def _camera(name: str | None, camera: Camera, first: View) -> dict[str, Any]:
     view = first if name is None else View(first.drawing, camera)
     return {
-        "name": name or ("in space" if not first.flat else f"{_plane(camera)} plane"),
+        "name": name or _name(camera),
         "right": camera.right.tolist(),
         "up": camera.up.tolist(),
         "back": camera.back.tolist(),
@@ -183,9 +183,11 @@ def _camera(name: str | None, camera: Camera, first: View) -> dict[str, Any]:
     }
 
 
-def _plane(camera: Camera) -> str:
-    assert camera.labels is not None
-    return "-".join(label[0] for label in camera.labels)
+def _name(camera: Camera) -> str:
+    """Return what the first view of a drawing is called."""
+    if camera.labels is not None:
+        return "-".join(label[0] for label in camera.labels) + " plane"
+    return "in space" if math.isfinite(camera.distance) else "face on"
 
 
 def _fields(record: Any) -> dict[str, Any]:

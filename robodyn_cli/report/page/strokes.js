@@ -177,7 +177,9 @@ class Strokes {
     this.shown = shown;
     this.found = [];
     const width = this.drawing.length ? 0.11 * this.drawing.length * view.scale / PT : 6;
-    this.width = PT * Math.min(9, Math.max(2.2, width)); // of links, in pixels
+    this.width = PT * Math.min(9, Math.max(1, width)); // of links, in pixels
+    this.finer = Math.min(1, this.width / (2.2 * PT)); // factor of marks and their lines, so that they do not hide links
+    this.radius = PT * this.finer * Math.min(4, 0.36 * Math.max(this.width / PT, 2.2) + 0.9); // of joints
     this.colours = new Map(this.drawing.parts.filter((p) => p.kind === "link").flatMap((p) => p.vertices.map((v) => [v, inked(p.colour)])));
   }
 
@@ -305,7 +307,7 @@ class Strokes {
       const at = this.view.at(vertex), colour = this.colours.get(vertex) || INK;
       if (sliders.has(vertex) || !isPlace(at)) continue;
       const look = { colour: mixed(colour, INK, 0.35), fill: mixed(colour, PAPER, 0.5), width: 1.2 };
-      this.add(circle(at, 0.55 * this.width + 2.5 * PT), this.front, at[2] + this.bias, look);
+      this.add(circle(at, 0.55 * this.width + 2.5 * PT * this.finer), this.front, at[2] + this.bias, look);
     }
   }
 
@@ -314,11 +316,11 @@ class Strokes {
   get bias() { return this.view.flat || this.drawing.shaped.size ? 0 : 0.02 * this.drawing.size; }
 
   masses() {
-    const r = PT * Math.min(3.2, Math.max(1.6, 0.36 * this.width / PT));
+    const r = PT * this.finer * Math.min(3.2, Math.max(1.6, 0.36 * this.width / PT));
     for (const vertex of this.drawing.masses) {
       const [x, y, depth] = this.view.at(vertex);
       if (!isPlace([x, y])) continue;
-      this.add(circle([x, y], r), this.front, depth + this.bias, { fill: PAPER, width: 0.8 });
+      this.add(circle([x, y], r), this.front, depth + this.bias, { fill: PAPER, width: 0.8 * this.finer });
       const quarter = (s) => `M${round(x)} ${round(y)}h${round(s * r)}A${round(r)} ${round(r)} 0 0 0 ${round(x)} ${round(y - s * r)}Z`;
       this.add(quarter(1) + quarter(-1), this.front, depth + this.bias, { fill: INK, width: 0 });
     }
@@ -328,11 +330,11 @@ class Strokes {
   pin(pin) {
     const at = this.view.at(pin.vertex);
     if (!isPlace(at)) return;
-    const r = PT * Math.min(4, Math.max(1.7, 0.36 * this.width / PT + 0.9)), depth = at[2] + this.bias;
+    const r = this.radius, depth = at[2] + this.bias;
     if (pin.grounded && this.view.flat) this.support(pin, at, r);
-    const mark = (d, look) => this.add(d, this.front, depth, { width: 1.3, ...look }, `joint ${pin.name}`);
-    const reach = Math.min(3.2 * r, 0.3 * pin.room);  // no room, no symbol
-    if (reach >= 2.5 * r) for (const kind of pin.about) mark(about(kind, at, reach, pin.about.length > 1), {});
+    const mark = (d, { width = 1.3, ...look }) => this.add(d, this.front, depth, { width: width * this.finer, ...look }, `joint ${pin.name}`);
+    const reach = Math.min(3.2 * r, 0.3 * pin.room * this.view.scale); // no room, no symbol
+    if (reach >= Math.max(2.5 * r, 4.2 * PT)) for (const kind of pin.about) mark(about(kind, at, reach, pin.about.length > 1), {});
     if (pin.kind === "weld") mark(path(block(at, [1, 0], 2 * r, 2 * r), true), { fill: INK });
     else if (pin.kind === "table") mark(path(block(at, [1, 0], 4 * r, 4 * r), true), { fill: PAPER });
     else if (pin.kind === "slide" || pin.kind === "sleeve") {
@@ -399,13 +401,13 @@ class Strokes {
     const [a, joint, b] = latch.vertices.map((v) => this.view.at(v));
     if (![a, joint, b].every(isPlace)) return;
     const time = this.view.time, closed = latch.closed.some(([start, end]) => time >= start * (1 - 1e-12) && (end === null || time < end));
-    const reach = 2 * this.width + 4 * PT, colour = closed ? ALARM : mixed(INK, PAPER, 0.3);
+    const reach = 2 * this.width + 4 * PT * this.finer, colour = closed ? ALARM : mixed(INK, PAPER, 0.3);
     const arms = [ahead(joint, a), ahead(joint, b)].filter((d) => d).map((d) => along(joint, d, reach));
     for (const arm of closed ? arms : arms.slice(0, 1)) {
-      this.add(path([joint, arm]), "latch", 0, { colour, width: Math.max(0.45 * this.width, 2.6) }, closed ? "latch closed" : "latch open");
+      this.add(path([joint, arm]), "latch", 0, { colour, width: Math.max(0.45 * this.width, 2.6 * this.finer) }, closed ? "latch closed" : "latch open");
       this.add(circle(arm, 0.3 * this.width), "latch", 1, { colour, fill: PAPER });
     }
-    if (closed) this.add(circle(joint, 1.3 * this.width), "latch", 2, { colour: ALARM, width: 1.9 });
+    if (closed) this.add(circle(joint, 1.3 * this.width), "latch", 2, { colour: ALARM, width: 1.9 * this.finer });
   }
 
   arrows() {

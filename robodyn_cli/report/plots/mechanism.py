@@ -54,10 +54,9 @@ def mechanism(result: Result) -> Any:
     ax = sheet.ax
     paper.set_up(ax, view)
     last = len(chosen) - 1
-    paper.put(ax, view, last, _ghosts(view, 1.3), grid=not view.flat)
+    paper.put(ax, view, last, _ghosts(view, 1.3), grid=not view.numbered)
     if len(drawing.links) <= MOST_NAMES:
-        lines = paper.outlines(view, last)
-        name_lines(ax, lines, [line for k in range(last) for line in silhouette(view, k)])
+        name_lines(ax, view, last, [line for k in range(last) for line in silhouette(view, k)])
     handles = [
         Line2D([], [], color=_shade(k, last), linewidth=2.6 if k == last else 1.3) for k in range(last + 1)
     ]
@@ -81,7 +80,7 @@ def _subtitle(view: View, count: int, below: bool) -> str:
     where = paper.where(view) + ("" if view.flat else " and along the axes")
     if view.flat and below:
         instants += "; below with the whole flight"
-    told = paper.caption(view, grid=not view.flat)
+    told = paper.caption(view, grid=not view.numbered)
     return f"The mechanism {where} at {instants}{'; ' if told else ''}{told}"
 
 
@@ -186,7 +185,7 @@ def branches(result: Result) -> Any:
     others = [Stroke(line, OTHERS, 1.0) for k in range(shown) for line in silhouette(view, k)]
     for k, ax in enumerate(sheet.axes):
         paper.set_up(ax, view)
-        paper.put(ax, view, k, others, grid=not view.flat)
+        paper.put(ax, view, k, others, grid=not view.numbered)
         ax.set_title(_branch_name(result, k), fontsize=style.FONT_SIZE, loc="left", pad=3)
         if k % sheet.across:
             ax.set_ylabel("")
@@ -232,7 +231,7 @@ def mode_shapes(result: Result) -> Any:
         paper.set_up(ax, view)
         lines = [(SIDES[j], silhouette(view, 1 + 2 * k + j)) for j in range(2)]
         swings = [Stroke(line, colour, 1.6) for colour, of_side in lines for line in of_side]
-        paper.put(ax, view, 0, grid=not view.flat)
+        paper.put(ax, view, 0, grid=not view.numbered)
         ax.add_artist(Painted(swings)).set_zorder(5)  # in front of what would hide them
         ax.set_title(_mode_name(result.summary["modes"][k]), fontsize=style.FONT_SIZE, loc="left", pad=3)
         if k % sheet.across:
@@ -258,13 +257,13 @@ def state(result: Result) -> Any:
     drawing = make_drawing(result)
     view = View(drawing, default_camera(drawing))
     labels = [f"{axis} of a frame" for axis in "xyz"]
-    told = paper.caption(view, grid=not view.flat)
+    told = paper.caption(view, grid=not view.numbered)
     subtitle = f"The mechanism {paper.where(view)} with its frames{'; ' if told else ''}{told}"
     sheet = Sheet(result, subtitle, labels=labels, height=paper.height_of(view, 5.9))
     ax = sheet.ax
     paper.set_up(ax, view)
     ax.add_artist(Painted(_axes(result, view))).set_zorder(4)
-    paper.put(ax, view, 0, grid=not view.flat)
+    paper.put(ax, view, 0, grid=not view.numbered)
     _names(ax, result, view)
     sheet.legend([Line2D([], [], color=colour) for colour in AXIS_COLOURS], labels)
     return sheet.figure
