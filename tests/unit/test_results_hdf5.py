@@ -303,7 +303,7 @@ def test_a_missing_directory_is_an_output_error(tmp_path: Path) -> None:
     assert caught.value.exit_code == 74
 
 
-DAMAGED = 60
+DAMAGED = 30
 
 
 def test_damage_anywhere_is_an_error_with_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -220,7 +220,7 @@ def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
     """Random arms against all combinations; those in which the cheapest further out is not the cheapest of all too."""
     better, none = 0, 0
     told: list[str] = []
-    for seed in range(8):
+    for seed in range(5):
         rng = np.random.default_rng(seed)
         joints = int(rng.integers(2, 4))
         text = random_scene(rng, joints, int(rng.integers(4, 7)), 3, 101)
@@ -244,7 +244,7 @@ def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
         none += not np.isfinite(true)
     assert "joint 1 of 2, sweep 1 over the joints" in told
     # the lightest further out asks least of those further in
-    assert none <= 4 and (better >= 1 or by == "mass"), (better, none)
+    assert none <= 2 and (better >= 1 or by == "mass"), (better, none)
 
 
 def test_a_pair_is_the_cheapest_by_inverse_of_all_pairs() -> None:

@@ -399,7 +399,7 @@ def test_large_files_take_linear_time(tmp_path: Path) -> None:
         finally:
             gc.enable()
 
-    assert min(seconds(3200) for _ in range(3)) < 24 * min(seconds(400) for _ in range(3))
+    assert min(seconds(1600) for _ in range(2)) < 24 * min(seconds(200) for _ in range(2))
 
 
 # -- meshes --------------------------------------------------------------------------------------------------
