@@ -37,6 +37,7 @@ def in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stability_suite, "attempts", some)
 
 
+@pytest.mark.further
 def test_suite_quick(in_turn: None, tmp_path: Path) -> None:
     """Every case does what is expected of it; nothing hangs, returns NaN or is wrong without saying so."""
     done = invoke("stability", "--suite", "--quick", "--json", "--out", tmp_path)

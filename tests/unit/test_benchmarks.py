@@ -276,6 +276,7 @@ def test_many_loops_cost_in_proportion(tmp_path: Path) -> None:
     assert all(row["error"] < 1e-10 for row in rows)
 
 
+@pytest.mark.further
 def test_ensembles(tmp_path: Path) -> None:
     """robodyn's part: errors of many runs, against references of their own."""
     file = tmp_path / "ensembles.json"
