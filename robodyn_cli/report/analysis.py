@@ -1,6 +1,6 @@
 """What the drawings of a study share: its inputs and outputs, and their panels.
 
-What the drawings of ``stability`` share: figures with a title, legends below the axes, looks of the verdicts.
+What the drawings of ``stability`` share: looks of the verdicts, scales of colours, axes of powers.
 """
 
 from __future__ import annotations
@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import CHARACTER, NOTE, TITLE, Sheet, legend_shape
-from robodyn_cli.report.format import current
-from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled, number
+from robodyn_cli.report.canvas import CHARACTER, Sheet
+from robodyn_cli.report.style import PowerFormatter, labelled, number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -106,26 +104,17 @@ STATUS = {
     "unsupported": ("#bbbbbb", ""),
 }
 LEAST = 1e-16  # the smallest error that is drawn
+BAR_GAP, BAR = 0.08, 0.12  # between a panel and its scale of colours, and its width [inch]
 
 
-def titled(width: float, height: float, result: Result, subtitle: str) -> Figure:
-    """Return a figure, its size in inches, with the title of the result and a line below it."""
-    from matplotlib.figure import Figure
-
-    figure, seen = Figure(figsize=(width, height), dpi=current().dpi), current().titles
-    look: dict[str, Any] = {"va": "center", "visible": seen}
-    figure.text(0.1, 1 - 0.22 / height, result.title, fontsize=11, fontweight="bold", label=TITLE, **look)
-    figure.text(0.1, 1 - 0.45 / height, subtitle, color=GREY, label=NOTE, **look)
-    return figure
-
-
-def legend_below(figure: Figure, ax: Axes, place: tuple[float, float]) -> None:
-    """Put the legend of ``ax`` with its lower left corner at ``place``, in as many columns as the labels allow."""
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=place, ncols=legend_shape(labels)[0],
-        handlelength=HANDLE_LENGTH, columnspacing=1.6,
-    )  # fmt: skip
+def bar_beside(ax: Axes, title: str = "") -> Axes:
+    """Return axes on the right of others for a scale of colours, with what it is of above."""
+    box = ax.get_position()
+    assert ax.figure is not None
+    width = ax.figure.get_size_inches()[0]  # type: ignore[union-attr]
+    bar = ax.figure.add_axes((box.x1 + BAR_GAP / width, box.y0, BAR / width, box.height))
+    bar.set_title(title, fontsize=8, loc="left", pad=4)
+    return bar
 
 
 def powers(ax: Axes, *axes: str) -> None:

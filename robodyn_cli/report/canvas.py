@@ -20,7 +20,7 @@ from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
-from robodyn_cli.report.format import NARROW, current
+from robodyn_cli.report.format import LEFT, NARROW, current
 from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.moments import lock
@@ -39,9 +39,14 @@ def failure_note(result: Result) -> list[str]:
     time = termination.get("time")
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
-    return textwrap.wrap(
-        f"Run failed at t = {style.times([float(time)], 6)[0]}: {reason}", current().characters, max_lines=2
-    )
+    return wrapped(f"Run failed at t = {style.times([float(time)], 6)[0]}: {reason}", 2)
+
+
+def wrapped(text: str, most: int | None = None) -> list[str]:
+    """Return a note in lines as long as the width of figures allows, ``most`` of them at most; a number and its unit
+    stay together."""
+    lines = textwrap.wrap(style.tied(text), current().characters, max_lines=most)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def sharing_note(result: Result) -> str:
@@ -84,7 +89,7 @@ def growth_times(result: Result) -> list[tuple[float, float]]:
 # labels of the texts above the panels: a page says titles itself, and sets notes as a caption; of a note that takes
 # several lines the further ones
 TITLE, NOTE, MORE = "title", "note", "note goes on"
-LEFT, RIGHT = 0.8, 0.3
+RIGHT = 0.3
 DEGREES = 0.36
 BETWEEN = 0.7
 TITLE_LINE, SUBTITLE_LINE = 0.21, 0.18
@@ -136,10 +141,9 @@ class Sheet:
         title = textwrap.wrap(
             result.title or result.command, int(0.8 * form.characters), max_lines=2, placeholder=" ..."
         )
-        alarms = [line for text in shape.told for line in textwrap.wrap(text, form.characters, max_lines=2)]
+        alarms = [line for text in shape.told for line in wrapped(text, 2)]
         alarms += failure_note(result)
-        said = [textwrap.wrap(subtitle, form.characters)]
-        said += [textwrap.wrap(text, form.characters, max_lines=2) for text in shape.captions]
+        said = [wrapped(subtitle), *(wrapped(text, 2) for text in shape.captions)]
         labels = [MORE if k else NOTE for own in said for k in range(len(own))]
         notes = [*(line for own in said for line in own), *alarms]
         self.columns, lines = legend_shape(list(shape.labels))

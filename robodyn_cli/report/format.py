@@ -10,6 +10,7 @@ from robodyn_cli.record import record
 
 WIDTH = 7.0  # [inch]
 NOTE_WIDTH = 90  # characters of a note that fit on a line of that width
+LEFT = 0.8  # beside panels and notes [inch]
 NARROW = 5.0  # width below which no panels stand side by side [inch]
 
 
@@ -24,7 +25,7 @@ class FigureFormat:
     @property
     def characters(self) -> int:
         """How many characters of a note fit on a line."""
-        return int(NOTE_WIDTH * self.width / WIDTH)
+        return int(NOTE_WIDTH * (self.width - LEFT) / (WIDTH - LEFT))
 
 
 # of ``--style``: screen; a column of a paper, whose caption says what a heading would; slides, on which few words are

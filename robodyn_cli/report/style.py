@@ -159,6 +159,14 @@ def error_number(value: float, digits: int = 3) -> str:
     return number(rounded_up(float(value), digits), digits)
 
 
+_BEFORE_UNIT = re.compile(r"(?<=[\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (?=[A-Za-zµ°%])")
+
+
+def tied(text: str) -> str:
+    """Return a text in which no line ends between a number and its unit."""
+    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
+
+
 def power(exponent: int) -> str:
     """Return ten to a power with raised digits."""
     return "10" + str(exponent).translate(_SUPERSCRIPT)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
-from robodyn_cli.report.abscissa import over_joint
+from robodyn_cli.report.abscissa import abscissa, over_joint
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
@@ -24,7 +24,7 @@ from robodyn_cli.report.curves import (
     make_room,
     nothing_note,
 )
-from robodyn_cli.report.format import NOTE_WIDTH, current
+from robodyn_cli.report.format import NARROW, NOTE_WIDTH, current
 from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.style import PlainFormatter, error_number, times, unit
@@ -216,7 +216,7 @@ class TimeSheet(Sheet):
         alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result), *sparse_note(result)]
         alarms += layout.pop("told", ())
         super().__init__(result, subtitle, labels=labels, captions=captions, told=alarms, **layout)
-        self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Any]]] = []
+        self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Line2D]]] = []
 
     def draw(
         self,
@@ -230,7 +230,7 @@ class TimeSheet(Sheet):
         handles = draw_lines(ax, self._result.time, shown.lines(self._result.time), styles)
         make_room(ax, shown)
         fit_axis(ax, shown, magnitudes)
-        self._drawn.append((ax, self._result.time, shown, [handle.get_color() for handle in handles]))
+        self._drawn.append((ax, self._result.time, shown, handles))
         return handles
 
     def draw_log(
@@ -259,25 +259,88 @@ class TimeSheet(Sheet):
             else:
                 ax.set_xlabel("time [s]")
                 ax.xaxis.set_major_formatter(PlainFormatter())
+        close = [] if abscissa(self._result) else self._close_ups()
         self._draw_errors()
         hatch(self.axes, meaningful_until(self._result.summary))
-        mark_moments(self.axes, self.moments)
+        mark_moments([*self.axes, *close], self.moments)
         over_joint(self._result, self.axes)
         marks = [Line2D([], [], **marker_of(kind)) for kind in self._counted]
         super().legend([*handles, *marks], [*labels, *self._counted.values()])
 
+    def _close_ups(self) -> list[Axes]:
+        """Draw the last periods of curves that swing so often that they are a band, on axes beside them."""
+        until, close = meaningful_until(self._result.summary), []
+        for ax, time, shown, handles in list(self._drawn) if current().width >= NARROW else ():
+            window = last_periods(time, shown, until)
+            if window is None:
+                continue
+            beside = _axes_beside(ax)
+            for (x, y), handle in zip(shown.lines(time), handles):
+                seen = (x >= window[0]) & (x <= window[1])
+                (line,) = beside.plot(x[seen], y[seen])
+                line.update_from(handle)
+            beside.set_xlim(*window)
+            self._drawn.append((beside, time, shown, handles))
+            close.append(beside)
+        return close
+
     def _draw_errors(self) -> None:
         """Draw the errors of curves as bands where they can be seen, and say whether they can."""
         until, stated, seen = meaningful_until(self._result.summary), False, False
-        for ax, time, shown, colours in self._drawn:
-            for (x, y), error, colour in zip(shown.lines(time), shown.error, colours):
+        for ax, time, shown, handles in self._drawn:
+            for (x, y), error, handle in zip(shown.lines(time), shown.error, handles):
                 if np.isfinite(error):
-                    stated, kept = True, x <= until
-                    seen |= draw_error(ax, x[kept], y[kept], float(error), colour)
+                    stated, kept = True, (x >= ax.get_xlim()[0]) & (x <= until)
+                    seen |= draw_error(ax, x[kept], y[kept], float(error), handle.get_color())
         if stated and self._errors:
             # of a note that takes several lines the last one; none where it is cut
             for line in [note for note in self.notes if self._errors[0].endswith(note.get_text())][:1]:
                 line.set_text(line.get_text() + (BANDS if seen else UNDER))
+
+
+BAND = 60  # periods of a curve from which on it is a filled band
+LAST_PERIODS = 5  # that are drawn once more, beside the band
+SAMPLES = 8  # of a period, without which it has no shape
+CLOSE_UP = "close-up"  # label of their axes
+PART, APART, APART_DEGREES = 0.66, 0.2, 0.62  # of the panel's width that is left; room between [inch]
+
+
+def last_periods(time: Array, shown: DrawnCurves, until: float) -> tuple[float, float] | None:
+    """Return from when to when the last periods of the curve go that swings most often; None where there are few or
+    samples do not show their shape. Times after ``until`` say nothing."""
+    data = shown.data[time <= until]
+    if not len(data):
+        return None
+    low, high = np.nanmin(data, axis=0, initial=np.inf), np.nanmax(data, axis=0, initial=-np.inf)
+    with np.errstate(all="ignore"):
+        swings = high - low > 2.0 * shown.least
+        passes = [np.flatnonzero(np.diff(y > 0.5 * (a + b))) for y, a, b in zip(data.T, low, high)]
+    most = max((at for at, swing in zip(passes, swings) if swing), key=len, default=np.zeros(0, dtype=int))
+    if len(most) < 2 * BAND or len(data) - most[-2 * LAST_PERIODS - 1] < SAMPLES * LAST_PERIODS:
+        return None
+    return float(time[most[-2 * LAST_PERIODS - 1]]), float(time[len(data) - 1])
+
+
+def _axes_beside(ax: Axes) -> Axes:
+    """Return axes of the same height beside others, which are narrowed for it."""
+    assert ax.figure is not None
+    width = ax.figure.get_size_inches()[0]  # type: ignore[union-attr]
+    box = ax.get_position()
+    twins = [one for one in ax.figure.axes if one is not ax and one.bbox.bounds == ax.bbox.bounds]
+    ax.set_position((box.x0, box.y0, PART * box.width, box.height))
+    gap = (APART_DEGREES if twins else APART) / width
+    beside: Axes = ax.figure.add_axes(
+        (box.x0 + PART * box.width + gap, box.y0, (1.0 - PART) * box.width - gap, box.height), label=CLOSE_UP
+    )
+    beside.set_ylim(*ax.get_ylim())
+    beside.tick_params(labelleft=False, labelbottom=bool(ax.get_xlabel()))
+    beside.set_xlabel(ax.get_xlabel())
+    beside.xaxis.set_major_formatter(PlainFormatter())
+    beside.locator_params(axis="x", nbins=3)
+    words = f"the last {LAST_PERIODS} periods"
+    look: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": 7.5, "color": style.GREY}
+    beside.text(1.0, 1.02, words, transform=beside.transAxes, **look)
+    return beside
 
 
 def panel_height(panels: int) -> float:

@@ -14,6 +14,7 @@ from robodyn_cli.summaries.facts import (
     LoopResidual,
     PeakLoad,
     fact,
+    same_as,
 )
 from robodyn_cli.summaries.motion import Counters, MotionErrors
 
@@ -33,7 +34,7 @@ class CriterionErrors:
     )  # fmt: skip
 
 
-GROWTH = "criteria.errors.growth"
+GROWTH, GROWTH_TIMES = "criteria.errors.growth", "criteria.growth_times"
 
 
 @record
@@ -64,7 +65,9 @@ class MultiplierGrowth:
         errors=("lock.multiplier_growth.ratio_error",),
     )
     ratio_error: float | Absent | None = fact("error of this ratio", default=ABSENT)
-    times: dict[str, float | None] = fact("when each factor was passed", "s", names=FACTOR, errors=(GROWTH,))
+    times: dict[str, float | None] = same_as(
+        GROWTH_TIMES, fact("when each factor was passed", "s", names=FACTOR, errors=(GROWTH,))
+    )
     median_grid: float = fact("interval of the samples of the median", "s")
 
 
@@ -175,8 +178,8 @@ class LockKeys:
     criterion: str = fact("which criterion stopped the run")
     driven: bool = fact("whether a prescribed motion ran into the dead point")
     multiplier_growth: MultiplierGrowth | None = fact("growth of the multipliers")
-    growth_times: dict[str, float | None] = fact(
-        "when each factor of growth was passed", "s", names=FACTOR, errors=(GROWTH,)
+    growth_times: dict[str, float | None] = same_as(
+        GROWTH_TIMES, fact("when each factor of growth was passed", "s", names=FACTOR, errors=(GROWTH,))
     )
     multipliers: MultiplierKeys | None = fact("norm of the loops' multipliers")
     singular_values: SingularValues | None = fact("at the lock")

@@ -92,6 +92,7 @@ class Fact:
     column: str
     about_run: bool = False
     infinite: bool = False
+    same_as: str = ""
 
 
 def fact(
@@ -126,6 +127,13 @@ def fact(
 def or_infinite(declared: Any) -> Any:
     """Declare that None stands for a number that is infinite, which ``expect`` takes for larger than any."""
     own = dataclasses.replace(declared.metadata["fact"], infinite=True)
+    return dataclasses.field(default=declared.default, metadata={"fact": own})
+
+
+def same_as(key: str, declared: Any) -> Any:
+    """Declare that another key of the same summary says the same, beside which figures of several results leave this
+    one out."""
+    own = dataclasses.replace(declared.metadata["fact"], same_as=key)
     return dataclasses.field(default=declared.default, metadata={"fact": own})
 
 

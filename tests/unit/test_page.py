@@ -45,6 +45,7 @@ from robodyn_cli.results.moments import Moment
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.text.leaves import leaves_of_text
+from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.linearise.linearise import linearise
 from tests.unit.synthetic_results import (
@@ -530,3 +531,24 @@ def test_a_page_of_very_many_results_stays_small() -> None:
     assert page.count("<tr data-of=") == 30 and ">12.290000000 ± 1·10⁻⁹ s</td>" in page
     few = make_page([Shown(f"r{k}", result) for k, result in enumerate(results[:2])])
     assert few.count('class="scene"') == 2 and '<tr class="differ figure"' in few
+
+
+def test_what_says_the_same_stands_once_beside_one_another() -> None:
+    """Keys that are declared to have the same as another do have its kind, unit and errors."""
+    times = {"10": 1.5, "100": 2.0}
+    result = four_bar_result()
+    result.summary["criteria"] = {"growth_times": times, "errors": {"growth": 0.1}}
+    result.summary["lock"] |= {"growth_times": times, "multiplier_growth": {"times": times}}
+    names = [one.name for one in compared([result, result])]
+    assert [name for name in names if name.endswith(".100")] == ["criteria.growth_times.100"]
+    del result.summary["criteria"]["growth_times"]
+    names = [one.name for one in compared([result, result])]
+    assert {name for name in names if name.endswith(".100")} == {
+        "lock.growth_times.100", "lock.multiplier_growth.times.100"
+    }  # fmt: skip
+    for key in ("lock.growth_times", "lock.multiplier_growth.times"):
+        own = leaf_of("deploy", f"{key}.100")
+        assert own is not None
+        other = leaf_of("deploy", f"{own.fact.same_as}.100")
+        assert other is not None and (own.kind, own.errors) == (other.kind, other.errors)
+        assert (own.fact.unit, own.fact.names) == (other.fact.unit, other.fact.names)

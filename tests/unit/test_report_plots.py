@@ -21,12 +21,14 @@ from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
 from robodyn_cli.report.analysis import fit_label, panels
+from robodyn_cli.report.canvas import wrapped
 from robodyn_cli.report.lines import crest, envelope, finite, thin_path
 from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
 from robodyn_cli.report.plots.stability import energy_growth
 from robodyn_cli.report.registry import Drawings, applicable
 from robodyn_cli.report.style import dashed_style, error_number, log_axis, marked_style, number, styled, unit
+from robodyn_cli.report.time_sheet import CLOSE_UP, LAST_PERIODS
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.output_dir import SIGNATURE, is_ours
@@ -677,3 +679,38 @@ def test_commands_do_not_make_what_help_on_matplotlib_would_show() -> None:
         for own in ("import robodyn_cli.cli.main; ", "")
     ]
     assert 2 * sizes[0] < sizes[1]
+
+
+def test_the_last_periods_of_many_are_drawn_once_more() -> None:
+    """A curve of 200 periods is a band; of 20 it is not."""
+    for periods, shown in ((200, 1), (20, 0)):
+        result = pendulum_result(8001)
+        swings = np.sin(2.0 * np.pi * periods * result.time / result.time[-1])
+        result["q"][:] = np.column_stack([swings, 0.1 * result.time])
+        figure = draw(result, "joint_angles")
+        close = [ax for ax in figure.axes if ax.get_label() == CLOSE_UP]
+        assert len(close) == shown
+        for ax in close:
+            low, high = ax.get_xlim()
+            assert high == result.time[-1]
+            assert (high - low) * periods / result.time[-1] == pytest.approx(LAST_PERIODS, abs=0.6)
+            (whole,) = [one for one in figure.axes if one is not ax and one.get_ylabel()]
+            assert ax.get_ylim() == whole.get_ylim() and whole.get_position().x1 < ax.get_position().x0
+            assert [line.get_color() for line in ax.lines[:2]] == [
+                line.get_color() for line in whole.lines[:2]
+            ]
+
+
+def test_no_line_of_a_note_ends_between_a_number_and_its_unit() -> None:
+    text = " ".join(f"peak{'x' * (k % 7)} {k}.5·10⁻³ N·m at {k} ms," for k in range(60))
+    lines = wrapped(text)
+    assert len(lines) > 10 and " ".join(lines) == text
+    assert not any(re.search(r"[\d⁰¹²³⁴⁵⁶⁷⁸⁹]$", line) for line in lines)
+
+
+def test_residuals_that_are_zero_have_no_scale() -> None:
+    result = four_bar_result()
+    result["constraints/position_residual"][:] = 0.0
+    figure = draw(result, "constraint_residual")
+    assert not len(figure.axes[0].get_yticks())
+    assert [text.get_text() for text in figure.axes[0].texts] == ["zero throughout"]

@@ -119,7 +119,8 @@ class Chart {
     const lines = panel.lines.filter((line) => this.isShown(line)), span = overlap(panel.x, this.cursor.span);
     const whole = span[0] === panel.x[0] && span[1] === panel.x[1] && lines.length === panel.lines.length;
     const ends = uprightEnds(panel, lines, span, whole), { label, factor } = scaled(panel.label, ...ends, panel.log);
-    const across = scaled(panel.across || "time [s]", ...span), upright = ruled(...ends, panel.log, Math.max(3, Math.floor(high / 32)), factor);
+    const across = scaled(panel.across || "time [s]", ...span), most = Math.max(3, Math.floor(high / 32));
+    const upright = panel.numbered === false ? [] : ruled(...ends, panel.log, most, factor);
     return { lines, span, ends, label, factor, across, upright };
   }
 

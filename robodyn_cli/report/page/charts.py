@@ -28,6 +28,7 @@ from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.page.pictures import picture
 from robodyn_cli.report.page.tables import Html
 from robodyn_cli.report.style import line_styles
+from robodyn_cli.report.time_sheet import CLOSE_UP
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -85,7 +86,10 @@ BINS = 400  # of a line: its smallest and largest value in each are kept
 
 def chart_data(figure: Figure, arrays: Arrays) -> dict[str, Any] | None:
     """Return the panels and the legend of a figure over time, None for any other; arrays go into ``arrays``."""
-    panels = [ax for ax in figure.axes if ax.lines or ax.collections or ax.images]
+    # the page shows any part of the time closely itself
+    panels = [
+        ax for ax in figure.axes if (ax.lines or ax.collections or ax.images) and ax.get_label() != CLOSE_UP
+    ]
     if not any(ax.get_xlabel() == TIME for ax in panels) or not all(_plain(ax) for ax in panels):
         return None
     legend = [
@@ -134,6 +138,7 @@ def _panel(ax: Axes, legend: list[dict[str, Any]], arrays: Arrays) -> dict[str, 
         "title": ax.get_title(loc="left") or None,
         "label": ax.get_ylabel(),
         "log": ax.get_yscale() == "log",
+        "numbered": len(ax.get_yticks()) > 0,
         "x": [float(x) for x in ax.get_xlim()],
         "y": [float(y) for y in ax.get_ylim()],
         "lines": lines,

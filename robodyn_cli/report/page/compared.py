@@ -96,11 +96,19 @@ def _of_scenes(results: Sequence[Result]) -> Iterator[SideBySide]:
 def _figures(result: Result) -> Iterator[tuple[str, Any]]:
     """Yield the figures of a result that have an error, or a place among the main ones, by their keys."""
     if result.command in COMMANDS:
-        for key, value in _flat(told_of(result)):
+        told_values = dict(_flat(told_of(result)))
+        for key, value in told_values.items():
             leaf = leaf_of(result.command, key)
+            if leaf is not None and leaf.fact.same_as and _has(told_values, leaf.fact.same_as):
+                continue
             told = leaf is not None and not leaf.fact.about_run and (leaf.errors or leaf.fact.column)
             if told and number_of(value) is not None:
                 yield key, value
+
+
+def _has(values: Mapping[str, Any], key: str) -> bool:
+    """Tell whether there is a value under a key, or below it."""
+    return any(f"{one}.".startswith(f"{key}.") for one in values)
 
 
 def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:

@@ -20,7 +20,7 @@ from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.report.registry import applicable, draw
-from robodyn_cli.report.style import number, styled
+from robodyn_cli.report.style import number, styled, tied
 from robodyn_cli.report.time_sheet import lost_note
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
@@ -292,7 +292,7 @@ def _plot(result: Result, name: str, store: Store) -> Html:
 def _caption(notes: list[str], title: str) -> Html | None:
     """Return what the figure says of itself beyond its name, a sentence each."""
     text = ". ".join(note.removesuffix(".") for note in notes if note and note != title)
-    return element("p", text, class_="caption") if text else None
+    return element("p", tied(text), class_="caption") if text else None
 
 
 # one after another they are the script of the page

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report.curves import DrawnCurves, curves, zero_note
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import MANY, line_styles, positive_floor
+from robodyn_cli.report.style import MANY, line_styles, number, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height
 from robodyn_cli.results.result import Result, column_names, units_of
 
@@ -25,7 +25,7 @@ def own_settings(result: Result) -> Any:
     ended = summary["termination"]["reason"]
     sheet = TimeSheet(
         result,
-        f"{summary['engine']} {summary['version']} at its own settings, steps of {summary['step']:g} s: {ended}"
+        f"{summary['engine']} {summary['version']} at its own settings, steps of {number(summary['step'])} s: {ended}"
         + zero_note(*(shown.data for shown in panels.values())),
         nothing=[text for shown in every.values() for text in shown.nothing],
         panels=len(panels),

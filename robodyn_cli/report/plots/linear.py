@@ -10,13 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
 from robodyn_cli.record import record
-from robodyn_cli.report.analysis import powers, titled
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.analysis import bar_beside, powers
+from robodyn_cli.report.canvas import Sheet, panel_width
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import BLACK, COLOURS, GREY, dashed_style, number
+from robodyn_cli.report.style import BLACK, COLOURS, GREY, PlainFormatter, dashed_style, number
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
+
+POLES = 3.9  # height of the plane of poles [inch]
 
 
 @plot(lambda result: "linear/poles_real" in result)
@@ -28,18 +30,18 @@ def poles(result: Result) -> Any:
         return _with_loop(result)
     along = real.ndim == 2
     text = "Poles of the linear model: left decays, right grows" + ("; shaded by time" if along else "")
-    figure = titled(6.4, 5.2, result, text)
-    ax = figure.add_axes((0.13, 0.11, 0.7 if along else 0.83, 0.74))
+    sheet = Sheet(result, text, height=POLES, degrees=along)
+    ax = sheet.ax
     if along:
         shades = np.repeat(result.time[:, None], real.shape[1], axis=1)
         dots = ax.scatter(
             real.ravel(), imaginary.ravel(), c=shades.ravel(), cmap="cividis", s=9, linewidths=0
         )
-        figure.colorbar(dots, cax=figure.add_axes((0.86, 0.11, 0.022, 0.74))).set_label("time [s]")
+        sheet.figure.colorbar(dots, cax=bar_beside(ax, "time [s]"))
     else:
         ax.plot(real, imaginary, "x", markersize=8.0, markeredgewidth=1.8)
     _frame(ax, real + 1j * imaginary)
-    return figure
+    return sheet.figure
 
 
 def _with_loop(result: Result) -> Any:
@@ -49,11 +51,17 @@ def _with_loop(result: Result) -> Any:
     )
     sampled = "loop/period" in result
     where = "right: per sample, inside the circle decays" if sampled else "left decays, right grows"
-    figure = titled(
-        8.4 if sampled else 6.4, 5.2, result, f"Poles of the plant alone, and of the loop; {where}"
+    labels = ["plant alone", "loop with the controller"]
+    sheet = Sheet(
+        result,
+        f"Poles of the plant alone, and of the loop; {where}",
+        panels=2 if sampled else 1,
+        across=2 if sampled else 1,
+        height=panel_width(2) if sampled else POLES,
+        gap=0.62,
+        labels=labels,
     )
-    ax = figure.add_axes((0.1, 0.17, 0.38, 0.68) if sampled else (0.13, 0.17, 0.83, 0.68))
-    other = figure.add_axes((0.59, 0.17, 0.38, 0.68)) if sampled else ax
+    ax, other = sheet.axes[0], sheet.axes[-1]
     handles = ax.plot(plant.real, plant.imag, "x", color=GREY, markersize=7.0, markeredgewidth=1.6)
     handles += other.plot(loop.real, loop.imag, "x", color=COLOURS[0], markersize=8.0, markeredgewidth=1.8)
     _frame(ax, plant if sampled else np.concatenate([plant, loop]))
@@ -62,9 +70,8 @@ def _with_loop(result: Result) -> Any:
         other.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.9, linestyle=":")
         _frame(other, np.append(loop, [1.0, 1j]), "1")
         other.set_aspect("equal")
-    labels = ["plant alone", "loop with the controller"]
-    figure.legend(handles, labels, loc="lower center", ncols=2, frameon=False)
-    return figure
+    sheet.legend(handles, labels)
+    return sheet.figure
 
 
 def _frame(ax: Axes, found: Array, unit: str = "") -> None:
@@ -75,6 +82,7 @@ def _frame(ax: Axes, found: Array, unit: str = "") -> None:
     for part, limits in ((found.real, ax.set_xlim), (found.imag, ax.set_ylim)):
         reach = max(float(np.abs(part).max()), 0.05 * size) * 1.15
         limits(-reach, reach)
+    ax.xaxis.set_major_formatter(PlainFormatter())
     ax.set_xlabel(f"real part [{unit or '1/s'}]")
     ax.set_ylabel(f"imaginary part [{unit or 'rad/s'}]")
 

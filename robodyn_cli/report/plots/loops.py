@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from robodyn_cli.report.analysis import powers, titled
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.analysis import powers
+from robodyn_cli.report.canvas import Sheet, panel_width
 from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.plots.linear import number_phases
 from robodyn_cli.report.registry import plot
@@ -17,6 +17,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 FEW = 6  # curves that are drawn
+SQUARE = 4.4  # height of a picture that is as high as wide [inch]
 REACH = (
     -3.0,
     1.5,
@@ -37,21 +38,32 @@ def nyquist(result: Result) -> Any:
     """Each loop opened in turn in the complex plane (Nyquist), with -1, the unit circle, and the circle about -1 that
     its largest sensitivity makes."""
     loops, names = _loops(result), _names(result)
-    figure = titled(6.4, 6.2, result, _opened(names, "Nyquist", "how they pass -1"))
-    ax = figure.add_axes((0.12, 0.22, 0.83, 0.66))
+    peaks = [_peak(result, name) for name in names[:FEW]]
+    labels = [f"{name}: {_sensitivity(result, name)}" for name in names[:FEW]]
+    told = "Arrow: frequency grows; pale: its negative; dotted: |L| = 1"
+    if any(peak is not None and peak > 1.0 for peak in peaks):
+        told += "; thin: 1\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}largest\N{NO-BREAK SPACE}sensitivity"
+    sheet = Sheet(
+        result,
+        _opened(names, "Nyquist", "how they pass −1"),
+        height=min(panel_width(), SQUARE),
+        labels=labels,
+        captions=[told],
+    )
+    ax = sheet.ax
     turn = np.linspace(0.0, 2.0 * np.pi, 361)
     ax.plot(np.cos(turn), np.sin(turn), color=GREY, linewidth=0.9, linestyle=":")
     ax.axhline(0.0, color=GREY, linewidth=0.7)
     ax.axvline(0.0, color=GREY, linewidth=0.7)
-    handles, circled, looks = [], False, looks_of(result).lines(names)
+    handles, looks = [], looks_of(result).lines(names)
     for k, name in enumerate(names[:FEW]):
         y = np.where(np.abs(loops[:, k]) > FAR, np.nan, loops[:, k])
         handles += ax.plot(y.real, y.imag, label=name, **looks[k])
         ax.plot(y.real, -y.imag, alpha=0.35, **looks[k])
         _arrow(ax, y, handles[-1].get_color())
-        peak = _peak(result, name)
+        peak = peaks[k]
         if peak is not None and peak > 1.0:
-            near, circled = np.exp(1j * turn) / peak - 1.0, True
+            near = np.exp(1j * turn) / peak - 1.0
             ax.plot(near.real, near.imag, linewidth=0.7, color=handles[-1].get_color(), alpha=0.6)
     ax.plot([-1.0], [0.0], "+", color=COLOURS[6], markersize=11.0, markeredgewidth=2.0)
     ax.set_xlim(*REACH[:2])
@@ -59,20 +71,22 @@ def nyquist(result: Result) -> Any:
     ax.set_aspect("equal")
     ax.set_xlabel("real part of L")
     ax.set_ylabel("imaginary part of L")
-    told = "arrows: growing frequency; pale: its negative; dotted: |L| = 1"
-    if circled:
-        told += "\nthin, about -1: radius 1 / largest sensitivity"
-    labels = [f"{name}: {_sensitivity(result, name)}" for name in names[:FEW]]
-    figure.legend(handles, labels, loc="lower center", ncols=_across(labels), frameon=False, title=told)
-    return figure
+    sheet.legend(handles, labels)
+    return sheet.figure
 
 
 @plot(lambda result: "loop/response_real" in result and bool(_loops(result).any()))
 def nichols(result: Result) -> Any:
     """Each loop opened in turn as gain over phase (Nichols), with -1 and lines of equal gain of the closed loop."""
     loops, names = _loops(result), _names(result)
-    figure = titled(6.4, 6.0, result, _opened(names, "Nichols", "gain over phase about -1"))
-    ax = figure.add_axes((0.12, 0.2, 0.83, 0.68))
+    sheet = Sheet(
+        result,
+        _opened(names, "Nichols", "gain over phase about −1"),
+        height=min(panel_width(), SQUARE),
+        labels=names[:FEW],
+        captions=["Arrows: growing frequency; dotted: gain |T| of the closed loop"],
+    )
+    ax = sheet.ax
     handles, phases, looks = [], [], looks_of(result).lines(names)
     for k, name in enumerate(names[:FEW]):
         gain = 20.0 * np.log10(np.maximum(np.abs(loops[:, k]), 1e-300))
@@ -95,11 +109,8 @@ def nichols(result: Result) -> Any:
     number_phases(ax.xaxis)
     ax.set_xlabel("phase of L [deg]")
     ax.set_ylabel("gain of L [dB]")
-    figure.legend(
-        handles, names[:FEW], loc="lower center", ncols=_across(names[:FEW]), frameon=False,
-        title="arrows: growing frequency; dotted: gain |T| of the closed loop",
-    )  # fmt: skip
-    return figure
+    sheet.legend(handles, names[:FEW])
+    return sheet.figure
 
 
 def _opened(names: list[str], kind: str, what: str) -> str:
@@ -118,11 +129,6 @@ def _peak(result: Result, name: str) -> float | None:
 def _sensitivity(result: Result, name: str) -> str:
     peak = _peak(result, name)
     return "not stable" if peak is None else f"sensitivity up to {number(peak, 4)}"
-
-
-def _across(labels: list[str]) -> int:
-    """Return how many labels stand side by side."""
-    return max(1, min(len(labels), 90 // (6 + max(map(len, labels)))))
 
 
 def _arrow(ax: Axes, curve: Array, colour: Any, gain: Array | None = None) -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.report.analysis import STATUS
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import GREY, HANDLE_LENGTH, marked_style
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, marked_style, power
 from robodyn_cli.results.result import Result
 from robodyn_cli.summaries.facts import rounded_up
 
@@ -29,12 +29,8 @@ def words(trial: Mapping[str, Any]) -> str:
     if trial["relative"] == 0.0:
         return "0"
     if trial["relative"] is not None:
-        return (
-            f"{rounded_up(trial['relative'], 1):.0e}".replace("e-0", "e-")
-            .replace("e+0", "e")
-            .replace("e+", "e")
-            .replace("-", "−")
-        )
+        digit, exponent = f"{rounded_up(trial['relative'], 1):.0e}".split("e")
+        return f"{digit}·{power(int(exponent))}"
     if trial["status"] == "stable":
         return "stops" if trial["failure"] else "ran"
     return {"diverged": "diverges", "too_slow": "too slow", "unsupported": "cannot"}.get(

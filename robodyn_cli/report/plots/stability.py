@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robodyn_cli.integration_methods import EXTREMES, METHODS
-from robodyn_cli.report.analysis import LEAST, STATUS, legend_below, powers, titled
-from robodyn_cli.report.canvas import CHARACTER, legend_shape
+from robodyn_cli.report.analysis import LEAST, STATUS, bar_beside, fit_label, powers
+from robodyn_cli.report.canvas import CHARACTER, Sheet
+from robodyn_cli.report.format import current
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import GREY, MARKERS, dashed_style, number
+from robodyn_cli.report.style import GREY, MARKERS, PlainFormatter, dashed_style, number
 from robodyn_cli.results.result import Result
 
 # step limits that are drawn
@@ -24,28 +25,31 @@ SHOWN = tuple(name for name in EXTREMES if not METHODS[name].stiff)
 def stability_spectrum(result: Result) -> Figure:
     """Eigenvalues in the complex plane, and the largest stable steps along the run."""
     found = result.summary["spectrum"]
-    figure = titled(
-        7.6, 7.4, result,
+    names = [name for name in result.variables["stability/step_limit"].names if name in SHOWN]
+    sheet = Sheet(
+        result,
         f"stiffness ratio at most {number(found['stiffness_ratio'])}; "
         f"fastest decay {number(found['fastest_decay'])} 1/s, "
         f"fastest oscillation {number(found['fastest_oscillation'], 3)} rad/s",
-    )  # fmt: skip
-    _eigenvalues(figure, result)
-    _steps(figure, result)
-    figure.text(
-        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration of a step is done within its rounds; "
-        "no error is stated for this",
-        color=GREY, fontsize=8,
-    )  # fmt: skip
-    return figure
+        panels=2,
+        height=2.4,
+        gap=0.62,
+        degrees=True,
+        labels=names,
+        captions=[
+            "Eigenvalues: left decays, right grows. Steps, explicit: all modes inside |R| <= 1; gauss: the iteration "
+            "of a step is done within its rounds; no error is stated for this"
+        ],
+    )
+    _eigenvalues(sheet.axes[0], result)
+    sheet.legend(_steps(sheet.axes[1], result, names), names)
+    return sheet.figure
 
 
-def _eigenvalues(figure: Figure, result: Result) -> None:
+def _eigenvalues(plane: Axes, result: Result) -> None:
     """Draw the eigenvalues in the complex plane, shaded by time."""
     time = result["stability/time"]
     real, imaginary = result["stability/eigenvalues_real"], result["stability/eigenvalues_imaginary"]
-    plane = figure.add_axes((0.1, 0.545, 0.72, 0.345))
-    bar = figure.add_axes((0.85, 0.545, 0.022, 0.345))
     size = max(float(np.abs(real).max()), float(np.abs(imaginary).max()), 1e-9)
     smallest = max(result.summary["spectrum"]["slowest_rate"], 1e-9 * size)
     shades = np.repeat(time[:, None], real.shape[1], axis=1)
@@ -57,24 +61,23 @@ def _eigenvalues(figure: Figure, result: Result) -> None:
         if largest > 30.0 * smallest:
             getattr(plane, f"set_{name}scale")("symlog", linthresh=smallest, linscale=0.6)
             _sparse(plane, name, smallest, largest)
+        else:
+            getattr(plane, f"{name}axis").set_major_formatter(PlainFormatter())
     plane.axvline(0.0, color=GREY, linewidth=0.8)
     plane.margins(0.06)
-    plane.set_xlabel("real part of the eigenvalues [1/s]: left decays, right grows")
+    fit_label(plane, "x", "real part of eigenvalues [1/s]")
     plane.set_ylabel("imaginary part [rad/s]")
-    figure.colorbar(dots, cax=bar).set_label("time [s]")
+    plane.figure.colorbar(dots, cax=bar_beside(plane, "time [s]"))
 
 
-def _steps(figure: Figure, result: Result) -> None:
-    """Draw the largest stable steps along the run."""
+def _steps(ax: Axes, result: Result, names: list[str]) -> list[Any]:
+    """Draw the largest stable steps along the run; return a handle for each method."""
     time, steps = result["stability/time"], result["stability/step_limit"]
-    names = result.variables["stability/step_limit"].names
-    shown = [k for k, name in enumerate(names) if name in SHOWN]
-    ax = figure.add_axes((0.1, 0.2, 0.84, 0.24))
-    for k in shown:
-        name = names[k]
-        place = SHOWN.index(name)  # a method looks the same in every scene
+    columns, handles = result.variables["stability/step_limit"].names, []
+    for name in names:
+        k, place = columns.index(name), SHOWN.index(name)  # a method looks the same in every scene
         good = np.isfinite(steps[:, k])
-        ax.plot(
+        handles += ax.plot(
             time[good], steps[good, k], label=name, marker=MARKERS[place % len(MARKERS)] if good.sum() < 4 else None,
             **dashed_style(place),
         )  # fmt: skip
@@ -82,7 +85,7 @@ def _steps(figure: Figure, result: Result) -> None:
     powers(ax, "y")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("largest stable step [s]")
-    legend_below(figure, ax, (0.08, 0.045))
+    return handles
 
 
 def _sparse(ax: Axes, name: str, smallest: float, largest: float) -> None:
@@ -107,11 +110,14 @@ def _sparse(ax: Axes, name: str, smallest: float, largest: float) -> None:
     axis.set_major_formatter(FuncFormatter(text))
 
 
+WORDS, BRIEF = 2.75, 0.95  # room for what is said of a method [inch]
+ROOMY = 6.0  # width from which on there is room for all of it [inch]
+
+
 @plot(lambda result: bool(result.summary["methods"]) and "cases" not in result.summary)
 def stability_methods(result: Result) -> Figure:
     """Error of each method at its default settings as a bar, with its status in words."""
     rows = result.summary["methods"]
-    height = 1.3 + 0.32 * len(rows)
     ref = result.summary["reference"]
     told = (
         f"against {ref['methods'][0]} and {ref['methods'][1]}, which agree to {ref['digits']:.1f} digits up to t = "
@@ -119,10 +125,11 @@ def stability_methods(result: Result) -> Figure:
         if ref
         else "no reference: no two methods get through at tight tolerance"
     )
-    left, wide = 0.25 + CHARACTER * max(len(row["method"]) for row in rows), 3.95
-    width = left + wide + 2.75  # the last for the words
-    figure = titled(width, height, result, told)
-    ax = figure.add_axes((left / width, 0.52 / height, wide / width, 0.32 * len(rows) / height))
+    sheet = Sheet(result, told, height=0.32 * len(rows))
+    width, left = current().width, 0.25 + CHARACTER * max(len(row["method"]) for row in rows)
+    brief = width < ROOMY  # leaves out what stands behind the status
+    ax, box = sheet.ax, sheet.ax.get_position()
+    ax.set_position((left / width, box.y0, 1.0 - (left + (BRIEF if brief else WORDS)) / width, box.height))
     for k, row in enumerate(rows):
         colour, hatch = STATUS[row["status"]]
         value = row["relative"]
@@ -135,6 +142,7 @@ def stability_methods(result: Result) -> Figure:
             note += f", to t = {number(row['until'], 3)} s"
         elif row["honest"] is False:
             note += ", and its estimate hides it"
+        note = note.partition(",")[0].partition(" (")[0] if brief else note
         ax.text(1.02, k, note, transform=ax.get_yaxis_transform(), va="center", color="black", fontsize=8.5)
     ax.axvline(1e-3, color="#D55E00", linewidth=1.0, linestyle="--")
     largest = max((r["relative"] for r in rows if r["relative"] is not None), default=1.0)
@@ -144,8 +152,10 @@ def stability_methods(result: Result) -> Figure:
     ax.set_yticks(range(len(rows)), [r["method"] for r in rows])
     ax.set_ylim(len(rows) - 0.45, -0.55)
     ax.grid(False, axis="y")
-    ax.set_xlabel("largest error over the range of its quantity; beyond the dashed line: inaccurate")
-    return figure
+    ax.locator_params(axis="x", numticks=3 if brief else 6)
+    most = "largest relative error" if brief else "largest error over the range of its quantity"
+    fit_label(ax, "x", most if brief else f"{most}; beyond the dashed line: inaccurate")
+    return sheet.figure
 
 
 def _curves(result: Result) -> dict[str, Mapping[str, Any]]:
@@ -160,23 +170,21 @@ def energy_growth(result: Result) -> Figure:
     labels = {name: _label(name, m) for name, m in _curves(result).items()}
     for name in labels:
         labels[name] += "" if np.any(result[f"energy_growth/{name}/error"]) else ", zero"
-    _, lines = legend_shape(list(labels.values()))
-    height = 4.0 + 0.19 * lines
     period = result.summary["energy_growth"]["period"]
-    figure = titled(7.6, height, result, f"a period is {number(period['seconds'], 4)} s: {period['source']}")
-    bottom = (0.6 + 0.19 * lines) / height
-    ax = figure.add_axes((0.1, bottom, 0.86, 1 - bottom - 0.68 / height))
+    text = f"a period is {number(period['seconds'], 4)} s: {period['source']}"
+    sheet, handles = Sheet(result, text, height=3.3, labels=list(labels.values())), []
+    ax = sheet.ax
     for k, (name, label) in enumerate(labels.items()):
         t, error = result[f"energy_growth/{name}/periods"][1:], result[f"energy_growth/{name}/error"][1:]
-        ax.plot(t, np.maximum.accumulate(error), label=label, **dashed_style(k))
+        handles += ax.plot(t, np.maximum.accumulate(error), label=label, **dashed_style(k))
     ax.set_xscale("log")
     ax.set_yscale("log", nonpositive="mask")  # no line before the first error that is not zero
     ax.set_ylim(bottom=LEAST)
     powers(ax, "x", "y")
     ax.set_xlabel("time [periods]")
     ax.set_ylabel("largest error of the energy balance so far [1]")
-    legend_below(figure, ax, (0.08, 0.01))
-    return figure
+    sheet.legend(handles, list(labels.values()))
+    return sheet.figure
 
 
 def _label(name: str, facts: Mapping[str, Any]) -> str:
@@ -189,23 +197,32 @@ def _planes(result: Result) -> list[str]:
     return [name for name in ("own", "fixed") if f"baumgarte/{name}/drift" in result]
 
 
+BESIDE = 0.5  # of a panel's width, for a scale of colours [inch]
+
+
 @plot(lambda result: bool(_planes(result)))
 def baumgarte(result: Result) -> Figure:
     """Drift and error over the plane of Baumgarte's gains, with the chosen pair marked."""
     found, planes = result.summary["baumgarte"], _planes(result)
-    height = 0.62 + 3.15 * len(planes)
-    figure = titled(
-        8.2, height, result, "star: alpha = beta = c/h, the smallest whose drift stays below the integration error; "
-        "hatched: unstable",
-    )  # fmt: skip
-    for row, name in enumerate(planes):
+    sheet = Sheet(
+        result,
+        "star: alpha = beta = c/h, the smallest whose drift stays below the integration error; hatched: unstable",
+        panels=2 * len(planes),
+        across=2,
+        height=2.3,
+        gap=0.85,
+        titled=True,
+    )
+    axes = iter(sheet.axes)
+    for name in planes:
         gain = result[f"baumgarte/{name}/gain"]
         chosen = found[name]["chosen"]
-        y = 1 - (0.3 + 3.15 * (row + 1) - 0.3) / height
-        for column, (path, words) in enumerate((("drift", "drift"), ("error", "error of q"))):
-            ax = figure.add_axes((0.1 + 0.47 * column, y, 0.31, 2.35 / height))
-            bar = figure.add_axes((0.42 + 0.47 * column, y, 0.015, 2.35 / height))
-            _plane(figure, ax, bar, gain, result[f"baumgarte/{name}/{path}"], f"{words} [rad, m]")
+        for path, words in (("drift", "drift"), ("error", "error of q")):
+            ax, width = next(axes), current().width
+            box = ax.get_position()
+            ax.set_position((box.x0, box.y0, box.width - BESIDE / width, box.height))
+            bar = bar_beside(ax)
+            _plane(ax, bar, gain, result[f"baumgarte/{name}/{path}"], f"{words} [rad, m]")
             # where no gain is needed the star stands in the corner, for the axes have no zero
             ax.plot(
                 [max(chosen["beta"], gain[0])],
@@ -222,12 +239,12 @@ def baumgarte(result: Result) -> Figure:
                 fontsize=9,
             )
             ax.set_xlabel("beta [1/s]")
-            if column == 0:
+            if path == "drift" or sheet.across == 1:
                 ax.set_ylabel("alpha [1/s]")
-    return figure
+    return sheet.figure
 
 
-def _plane(figure: Figure, ax: Axes, bar: Axes, gain: Any, data: Any, label: str) -> None:
+def _plane(ax: Axes, bar: Axes, gain: Any, data: Any, label: str) -> None:
     from matplotlib.colors import LogNorm
 
     shown = np.ma.masked_invalid(data)
@@ -244,6 +261,6 @@ def _plane(figure: Figure, ax: Axes, bar: Axes, gain: Any, data: Any, label: str
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(edges[0], edges[-1])
     powers(ax, "x", "y")
-    figure.colorbar(drawn, cax=bar, extend="min" if np.any(shown < low) else "neither")
+    ax.figure.colorbar(drawn, cax=bar, extend="min" if np.any(shown < low) else "neither")
     bar.set_ylabel(label)
     powers(bar, "y")
