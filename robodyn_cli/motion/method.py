@@ -23,6 +23,9 @@ FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on sti
 TRIAL = 0.02  # part of the run over which two methods are compared
 # operations of the equations up to which Taylor series in lanes are quicker than the default method
 SERIES = 80
+# operations of a step of the series up to which they are so where rates may change abruptly: there the default method
+# trusts its steps less
+STEEP_SERIES = 8500
 LOOSE = 3e-9  # relative tolerance down to which order 12 takes no longer than order 16
 
 Rows = NDArray[np.int64]
@@ -97,10 +100,27 @@ def series_beside(scene: Scene, system: System) -> str:
     from robodyn_cli.integrators.stepping.lanes import suits
     from robodyn_cli.kernels.compiler import machine
 
+    if scene.simulate.integrator != "auto" or machine().lanes == 1:
+        return ""
     name = "taylor12" if scene.simulate.rtol > LOOSE else "taylor16"
-    small = not system.dynamics.any_size and system.dynamics.program.operations <= SERIES
-    lanes = small and machine().lanes > 1 and suits(system, methods[name])
-    return name if scene.simulate.integrator == "auto" and lanes else ""
+    method = methods[name]
+    return (
+        name
+        if not method.obstacle(system) and suits(system, method) and _is_small(system, method.order)
+        else ""
+    )
+
+
+def _is_small(system: System, order: int) -> bool:
+    """Tell whether the equations are so small that a Taylor series of an order in lanes is quicker than the default
+    method."""
+    from robodyn_cli.integrators.methods.gauss import Gauss
+    from robodyn_cli.kernels.series.rules import Series
+
+    program = system.dynamics.program
+    if program.operations <= SERIES:
+        return True
+    return Gauss.is_steep(system) and Series.of(program).work(order) <= STEEP_SERIES
 
 
 def supervisor_for(choice: MethodChoice) -> Supervisor | None:

@@ -158,6 +158,27 @@ def test_reciprocals_cost_no_convolution_of_their_own() -> None:
     assert not any(isinstance(x, float) for i in divisions for x in i.args)
 
 
+@pytest.mark.parametrize("order", [6, 16])
+def test_work_is_about_what_is_written(order: int) -> None:
+    """Between equations of many convolutions and of few it tells apart what the instructions do."""
+
+    def rates(t: Any, q: Any, v: Any, z: Any, p: Any) -> Any:
+        a, b = f.sin(q[0]), f.cos(q[0] - q[1])
+        return [a * b * v[1] * v[1] / (2.0 - b * b), f.tanh(v[1]) - 3.0 * q[1] + 2.0 * v[0]], []
+
+    program = systems.system(2, rates).dynamics.program
+    function = Function("series", ["ptr %x", f"ptr %{NUMBERS}", "ptr %t"], flags=RELAXED)
+    x = Array(function, "%x", 8)
+    inputs = {"q": x.part(0), "v": x.part(2), "t": [function.splat(function.load("%t"), 8)]}
+    inputs[NUMBERS] = Array(function, f"%{NUMBERS}")
+    jets = Jets(function, program, inputs, [x[k] for k in range(4)], 2, machine().fused)
+    before = str(module([function])).count(" = ")
+    jets.up_to(order)
+    # a term of a convolution is a product and a sum
+    written = (str(module([function])).count(" = ") - before) / 2.0
+    assert 0.7 < Series.of(program).work(order) / written < 1.5
+
+
 # -- the methods --------------------------------------------------------------------------------------------
 def random_scene(rng: np.random.Generator, method: str) -> str:
     """Return an open chain of one or two joints with springs, dampers, friction and a spring between bodies."""

@@ -75,6 +75,34 @@ def test_runs_equal_the_command_within_the_sum_of_errors(seed: int) -> None:
         assert found.errors["final.q.j0"][run] == found.q_error[run].max()
 
 
+# two hinges at right angles: some 100 operations of the equations
+CROSSED = """
+schema: 1
+command: simulate
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {{name: j0, type: revolute, axis: [0, 0, 1]{friction}}}
+    - {{name: j1, type: revolute, axis: [1, 0, 0], origin: {{xyz: [0.4, 0, 0]}}}}
+  links:
+    - {{name: l0, mass: 2, com: [0.2, 0, 0], inertia: {{xx: 0.1, yy: 0.2, zz: 0.3}}}}
+    - {{name: l1, mass: 1, com: [0, -0.3, 0.1], inertia: {{xx: 0.1, yy: 0.2, zz: 0.3}}}}
+initial: {{q: {{j0: 0.3, j1: 0.5}}}}
+simulate: {{duration: 1, samples: 40, rtol: 1e-7, atol: 1e-9}}
+"""
+
+
+@pytest.mark.parametrize(("friction", "order"), [(JOINTS[2], 12), (JOINTS[1], 0)], ids=["abrupt", "smooth"])
+def test_larger_chains_take_series_where_rates_may_change_abruptly(friction: str, order: int) -> None:
+    text = CROSSED.format(friction=friction)
+    values = np.array([[2.0, 0.3], [2.2, 0.2]])
+    found = Mechanism(load_scene_text(text), KEYS).simulate_many(values)
+    assert found.ok.all() and set(found.series) == {order}
+    one = simulate(load_scene_text(text, overrides=settings(KEYS, values[1])))
+    both = found.q_error[1].max() + one.summary["error_estimate"]["q_end"]
+    assert np.abs(found.q[1] - one["q"][-1]).max() <= both < 1e-5
+
+
 def test_a_named_series_is_the_same_to_the_bit() -> None:
     """Alone and among others, of this name or of none."""
     text = chain(np.random.default_rng(8), 1, 1e-10)

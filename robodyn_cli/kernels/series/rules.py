@@ -65,6 +65,23 @@ class Series:
             found.append(is_parameter or (i.op != "sym" and all(found[a] for a in i.args)))
         return found
 
+    def work(self, order: int) -> float:
+        """Return about how many operations coefficients up to an order take: a convolution half of its square."""
+        moving = [
+            k for k, i in enumerate(self.program.instructions) if not self.constant[k] and i.op != "sym"
+        ]
+        return len(moving) * order + sum(map(self._convolutions, moving)) * 0.5 * order**2
+
+    def _convolutions(self, k: int) -> float:
+        """Return how many convolutions an instruction takes, a square half of one."""
+        if k in self.chains:
+            terms, g = self.chains[k]
+            return sum(t.w is not None for t in terms) + (g is not None)
+        i = self.program.instructions[k]
+        if i.op == "mul" and not any(self.constant[a] for a in i.args):
+            return 0.5 if i.args[0] == i.args[1] else 1.0
+        return float(i.op == "div" and not self.constant[i.args[1]])
+
 
 class _Expansion:
     """Adds what rules need to a program: w and g of its functions. Reciprocals that serve in products become quotients,
