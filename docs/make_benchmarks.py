@@ -3,7 +3,10 @@
     python benchmarks/throughput.py --json RUNS/throughput.json > RUNS/throughput.txt      (and so on for the others)
     python docs/make_benchmarks.py RUNS                  # the pages
     python docs/make_benchmarks.py RUNS --record         # benchmarks/history/VERSION.json
+    python docs/make_benchmarks.py RUNS --run --record   # runs all scripts whole before, one after another
     python docs/make_benchmarks.py --history [WORD ...]  # figures over releases
+
+``--run`` goes on where it was ended: what RUNS has of this revision stays. Each file tells how long it took (``took_s``).
 
 A page says where: ``<!-- throughput 1 -->`` stands before the first table that ``throughput.txt`` holds, and
 ``<!-- loops all -->`` before everything below the line on the machine, up to the next heading. Pages keep what they
@@ -19,8 +22,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
+import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +48,12 @@ RATIOS = {  # to peers, by script: the names of the figures
 LEADS = ("against_peers", "double_pendulum")  # scripts with an error and a time a row
 ERRORS = (1e-3, 1e-7, 1e-10, 1e-12)
 COMPARE = ("revisions",)  # scripts whose rows are no figures of a release
+OPTIONS = {  # of scripts that are run for the pages and the record
+    "against_peers": ["--cold"],
+    "time_optimal": ["--random", "50"],
+    "reference": ["--quick"],  # the whole one writes a file of this repository
+}
+OF_OTHERS = ("urdf_corpus", "loops_corpus")  # the pages show robots that are not in this repository
 PAGES = ("benchmarks.md", "benchmarks-rows.md", "choosing-an-integrator.md")
 MARK = re.compile(r"<!-- (\w+) (\d+|all) -->\n\n?")
 
@@ -82,6 +94,43 @@ def filled(page: str, runs: Path) -> str:
         out += [page[place : mark.end()], new]
         place = mark.end() + len(old)
     return "".join([*out, page[place:]])
+
+
+def is_whole(file: Path, revision: str) -> bool:
+    """Tell whether a script has written all of its figures, of this revision."""
+    if not file.exists():
+        return False
+    found = json.loads(file.read_text(encoding="utf-8"))
+    return not found["failed"] and found["machine"]["revision"] == revision and "took_s" in found
+
+
+def measured(runs: Path, scripts: Path, more: list[str]) -> list[str]:
+    """Run the scripts of a folder, each in a process of its own; return the names of those that failed.
+
+    more : options for all of them.
+    """
+    runs.mkdir(parents=True, exist_ok=True)
+    failed, revision = [], measure.revision()
+    for script in sorted(scripts.glob("*.py")):
+        name, file = script.stem, runs / f"{script.stem}.json"
+        if name in COMPARE or "\nif __name__ ==" not in script.read_text(encoding="utf-8"):
+            continue
+        if is_whole(file, revision):
+            print(f"{name}: there", flush=True)
+            continue
+        began = time.perf_counter()
+        command = [sys.executable, str(script), "--json", str(file), *OPTIONS.get(name, ()), *more]
+        told = os.devnull if name in OF_OTHERS else runs / f"{name}.txt"
+        with open(told, "w", encoding="utf-8") as out:
+            done = subprocess.run(command, cwd=DOCS.parent, stdout=out)
+        took = time.perf_counter() - began
+        if done.returncode or not file.exists():
+            failed.append(name)
+        else:
+            found = json.loads(file.read_text(encoding="utf-8")) | {"took_s": round(took)}
+            file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        print(f"{name}: {took / 60.0:.1f} min{', failed' * (name in failed)}", flush=True)
+    return failed
 
 
 def recorded(runs: Path) -> dict[str, Any]:
@@ -193,13 +242,18 @@ def main() -> None:
     parser.add_argument(
         "--record", action="store_true", help="keep RUNS/*.json as the record of their version"
     )
+    parser.add_argument("--run", action="store_true", help="run all scripts first, whole, for RUNS")
+    parser.add_argument("--quick", action="store_true", help="their quick forms: a look, not figures")
     parser.add_argument("--history", nargs="*", metavar="WORD", help="print figures over releases")
     given = parser.parse_args()
     if given.history is not None:
         print(over_releases(records(), given.history))
-    elif given.runs is None:
+        return
+    if given.runs is None:
         parser.error("RUNS or --history is missing")
-    elif given.record:
+    if given.run and (failed := measured(given.runs, HISTORY.parent, ["--quick"] * given.quick)):
+        raise SystemExit(f"{', '.join(failed)} failed: nothing is kept")
+    if given.record:
         record = recorded(given.runs)
         HISTORY.mkdir(exist_ok=True)
         (HISTORY / f"{record['version']}.json").write_text(text_of(record), encoding="utf-8")

@@ -469,6 +469,36 @@ def test_records_keep_what_scripts_wrote(pages: Any, tmp_path: Path, monkeypatch
             keep()
 
 
+def test_all_scripts_are_run_once_for_a_record(
+    pages: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What failed is told and made again, what is whole stays; words of robots of others are not kept for the pages."""
+    scripts, runs = tmp_path / "benchmarks", tmp_path / "runs"
+    scripts.mkdir()
+    text = """import json, sys
+if __name__ == "__main__":
+    print("run", *sys.argv[3:])
+    failed = {"part": "why"} if NAME else {}
+    machine = {"revision": REVISION}
+    json.dump({"machine": machine, "failed": failed, "rows": []}, open(sys.argv[2], "w"))
+    sys.exit(bool(failed))
+""".replace("REVISION", repr(pages.measure.revision()))
+    for name in ("time_optimal", "urdf_corpus", "broken", "revisions"):
+        (scripts / f"{name}.py").write_text(text.replace("NAME", str(name == "broken")), encoding="utf-8")
+    (scripts / "shared.py").write_text("", encoding="utf-8")
+    assert pages.measured(runs, scripts, ["--quick"]) == ["broken"]
+    assert {x.name for x in runs.iterdir()} == {
+        "time_optimal.json", "time_optimal.txt", "urdf_corpus.json", "broken.json", "broken.txt"
+    }  # fmt: skip
+    assert (runs / "time_optimal.txt").read_text(encoding="utf-8") == "run --random 50 --quick\n"
+    assert json.loads((runs / "time_optimal.json").read_text(encoding="utf-8"))["took_s"] == 0
+    (scripts / "broken.py").write_text(text.replace("NAME", "0"), encoding="utf-8")
+    (scripts / "time_optimal.py").write_text(
+        "\nif __name__ == '__main__':\n    raise SystemExit(1)", encoding="utf-8"
+    )
+    assert pages.measured(runs, scripts, []) == []
+
+
 def test_spread_is_that_of_the_middle_half(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
