@@ -6,7 +6,7 @@
     python docs/make_benchmarks.py RUNS --run --record   # runs all scripts whole before, one after another
     python docs/make_benchmarks.py --history [WORD ...]  # figures over releases
 
-``--run`` goes on where it was ended: what RUNS has of this revision stays. Each file tells how long it took (``took_s``).
+``--run`` goes on where it was ended: what RUNS has of this revision stays. A file tells how long it took (``took_s``).
 
 A page says where: ``<!-- throughput 1 -->`` stands before the first table that ``throughput.txt`` holds, and
 ``<!-- loops all -->`` before everything below the line on the machine, up to the next heading. Pages keep what they
