@@ -12,6 +12,7 @@ median over the runs of the largest of angles and rates at the end, against heyo
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import os
@@ -38,6 +39,7 @@ SPRING = "robot.joints.theta2.spring.stiffness"
 TOLERANCE, DURATION, BATCH = 1e-9, 10.0, 8
 CHECKED = 100  # runs whose errors are known
 TAILS = 1000  # the same where those of 99 % are asked for
+CHANGE = 1e-7  # rad, that is followed to the end of a run
 SIX_BAR = Path(__file__).parent / "six_bar.yaml"
 ARRAY = Path(__file__).parent.parent / "configs" / "mechanisms" / "solar_array.yaml"
 
@@ -132,11 +134,25 @@ class Ensemble:
 
         return batches
 
+    def growth(self, runs: int) -> np.ndarray:
+        """Return how many times as large a small change of the start is at the end of runs (runs,)."""
+        ends = []
+        for moved in (np.zeros(2), np.array([CHANGE, 0.0]), np.array([0.0, CHANGE])):
+            other = copy.copy(self)
+            other.q = self.q + moved
+            ends.append(other.ours("gauss", 1e-12)(runs=runs))
+        return np.maximum(*(errors_of(end, ends[0]) for end in ends[1:])) / CHANGE
 
-def error_of(found: np.ndarray, reference: np.ndarray, part: float = 0.5) -> float:
-    """Return the error that this part of the runs stays below, by default the median."""
+
+def error_of(found: np.ndarray, reference: np.ndarray) -> float:
+    """Return the median of the errors of the runs."""
+    return float(np.median(errors_of(found, reference)))
+
+
+def errors_of(found: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return the largest error at the end of those runs that both have."""
     count = min(len(found), len(reference))
-    return float(np.quantile(np.abs(found[:count] - reference[:count]).max(axis=1), part))
+    return np.asarray(np.abs(found[:count] - reference[:count]).max(axis=1))
 
 
 def double_pendulums(count: int, repeats: int, heyoka: bool) -> list[dict[str, Any]]:
@@ -164,7 +180,10 @@ def double_pendulums(count: int, repeats: int, heyoka: bool) -> list[dict[str, A
 
 def work_precision(count: int, repeats: int) -> list[dict[str, Any]]:
     """Return runs a second and true errors over tolerances, of runs side by side and of heyoka's batches, and how many
-    times as fast these are at the same median and at the same 99 % error."""
+    times as fast these are at the same median and at the same 99 % error.
+
+    Motions are chaotic, some more than others: tails are also told of errors over the growth of a small change.
+    """
     ensemble, batches = Ensemble(count), f"heyoka, batches of {BATCH}"
     tolerances = {
         "dop853": (1e-7, 1e-9, 1e-11, 1e-13), "gauss": (1e-5, 1e-7, 1e-9, 1e-11),
@@ -172,13 +191,18 @@ def work_precision(count: int, repeats: int) -> list[dict[str, Any]]:
     }  # fmt: skip
     actions = {(f"robodyn {m}", t): ensemble.ours(m, t) for m, ts in tolerances.items() for t in ts}
     actions |= {(batches, 10.0**-k): ensemble.heyoka(BATCH, 10.0**-k) for k in range(5, 14)}
-    reference = ensemble.heyoka(1, 1e-16, min(count, TAILS))()
+    known_runs = min(count, TAILS)
+    reference, growth = ensemble.heyoka(1, 1e-16, known_runs)(), ensemble.growth(known_runs)
     times = measure.alternate(actions, repeats)
     rows: list[dict[str, Any]] = []
     for (way, tolerance), action in actions.items():
-        found = action()
+        errors = errors_of(action(), reference)
+        (error, error_99), own = (
+            np.quantile(x, (0.5, 0.99)) for x in (errors, errors / growth[: len(errors)])
+        )
         rows.append({"way": way, "tolerance": tolerance, "runs": count, "seconds": min(times[way, tolerance]),
-                     "error": error_of(found, reference), "error_99": error_of(found, reference, 0.99)})  # fmt: skip
+                     "error": float(error), "error_99": float(error_99), "tail": float(error_99 / error),
+                     "tail_over_growth": float(own[1] / own[0])})  # fmt: skip
     for kind in ("error", "error_99"):
         known = sorted((r[kind], r["seconds"]) for r in rows if r["way"] == batches)
         errors, seconds = np.log(np.array(known)).T
@@ -389,10 +413,12 @@ def main() -> None:
                 work_precision(max(count // 5, 200), repeats) if heyoka else []
             )
             print("\n" + measure.table([
-                ["double pendulums", "tolerance", "runs/s", "median error", "to heyoka", "99 % error", "to heyoka"],
+                ["double pendulums", "tolerance", "runs/s", "median error", "to heyoka", "99 % error", "to heyoka",
+                 "99 % / median", "over growth"],
                 *([r["way"], f"{r['tolerance']:.0e}", f"{r['runs'] / r['seconds']:.0f}",
                    f"{r['error']:.1e}", told(r["to_batch_error"]),
-                   f"{r['error_99']:.1e}", told(r["to_batch_error_99"])] for r in precise),
+                   f"{r['error_99']:.1e}", told(r["to_batch_error_99"]), f"{r['tail']:.0f}",
+                   f"{r['tail_over_growth']:.0f}"] for r in precise),
             ]))  # fmt: skip
 
 
