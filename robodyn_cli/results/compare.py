@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, Variable
-from robodyn_cli.results.stated_errors import stated_error
+from robodyn_cli.results.stated_errors import beyond, stated_error
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import rounded_up
 
@@ -233,7 +233,7 @@ def _worst(
         time=float(times[index[0]]) if times is not None else None,
         column=_column(expected, index),
         stated=None if np.isnan(bound) else bound,
-        within_stated=None if np.isnan(bound) else not np.any(error > stated),
+        within_stated=None if np.isnan(bound) else not np.any(beyond(error, stated)),
     )
 
 

@@ -47,6 +47,11 @@ class Statement:
         return units.pop() if len(units) == 1 else self.unit
 
 
+def beyond(apart: Any, stated: Any) -> Any:
+    """Tell whether values are more apart than the sum of the errors that are stated of them; of arrays where."""
+    return abs(apart) > stated
+
+
 @record
 class Stated:
     """What a summary states: the number, and in which phase of the run, in words; empty for the whole run."""

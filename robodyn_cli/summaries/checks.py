@@ -167,7 +167,9 @@ class VariantFigure:
 
     key: str = fact("of the summary, or of the scene; `outcome`: how the run ended")
     given: bool = fact("whether it is a key of the scene")
-    verdict: str = fact("`differs` by more than the errors, `within` them, or `equal` in all results")
+    verdict: str = fact(
+        "`differs` by more than the errors, `within` them, `open` where one is not stated, or `equal` in all results"
+    )
     values: list[VariantValue] = fact("of each result")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import html
+import itertools
 import json
 import re
 import webbrowser
@@ -24,7 +25,7 @@ from robodyn_cli.report.canvas import below_heading
 from robodyn_cli.report.drawing.bodies import traced_bodies
 from robodyn_cli.report.figures import shown_errors, shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
-from robodyn_cli.report.page.compared import SideBySide, compared
+from robodyn_cli.report.page.compared import SideBySide, compared, judged
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.page import Shown, _plot, make_page
 from robodyn_cli.report.page.summary import summary_tables
@@ -500,11 +501,28 @@ def test_figures_differ_beyond_their_errors_or_within_them() -> None:
         (Quantity(1.0, "s", 0.1), Quantity(1.25, "s", 0.1), "differ"),
         (Quantity(1.0, "s", 0.1), None, ""),
         (Quantity(1.0, "s", 0.1), Quantity(1.0, "s", 0.0), ""),
-        (1.0, 1.0 + 1e-15, "differ"),
+        (1.0, 1.0 + 1e-15, "open"),
+        (Quantity(1.0, "s", 0.1), Quantity(7.0, "s"), "open"),
+        (Quantity(1.0, "N", 0.1), Quantity(1.0, "N m", 0.1), "differ"),
+        (2, 3, "differ"),
         ("a", "a", ""),
         ("a", "b", "differ"),
     ):
         assert SideBySide("x", [first, second]).mark == mark, (first, second)
+
+
+def test_several_figures_are_judged_as_the_pair_that_is_most_apart() -> None:
+    values = np.random.default_rng(4).normal(size=(200, 5))
+    errors = np.random.default_rng(5).exponential(1.5, size=(200, 5))
+    rank = ["", "within", "differ"]
+    marks = set()
+    for row in zip(values.tolist(), errors.tolist()):
+        figures = [Quantity(x, "m", e) for x, e in zip(*row)]
+        pairs = [judged(pair) for pair in itertools.combinations(figures, 2)]
+        marks.add(SideBySide("x", figures).mark)
+        assert SideBySide("x", figures).mark == max(pairs, key=rank.index)
+        assert judged([*figures, Quantity(0.0, "m")]) == ("differ" if "differ" in pairs else "open")
+    assert marks == {"within", "differ"}
 
 
 def test_scenes_are_told_apart_by_their_keys() -> None:

@@ -15,10 +15,12 @@ from robodyn_cli.over.batch.stored import Stored, is_tree, read_all, runs_below
 from robodyn_cli.report.overlay import path_ends
 from robodyn_cli.report.page.compared import (
     DIFFER,
+    OPEN,
     WITHIN,
     SideBySide,
     compared,
     error_of,
+    judged,
     unit_of,
 )
 from robodyn_cli.report.page.tables import Quantity, written
@@ -26,8 +28,8 @@ from robodyn_cli.summaries.checks import VariantFigure, VariantsReport, VariantV
 from robodyn_cli.works.equations.names import latex_text
 
 FEWEST = 2  # results of which there are differences
-VERDICTS = {DIFFER: "differs", WITHIN: "within", "": "equal"}
-SIGNS = {"differs": "≠ ", "within": "≈ "}
+VERDICTS = {DIFFER: "differs", WITHIN: "within", OPEN: "open", "": "equal"}
+SIGNS = {DIFFER: "≠ ", WITHIN: "≈ "}
 _NOTHING = re.compile(r"0(?![.\d])")
 _POWER = re.compile("·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -81,7 +83,8 @@ def _row(figure: VariantFigure, set_as: Callable[[str], str], units: bool) -> li
         if k and one.difference is None:
             cells.append("")
         elif k:
-            cells.append(set_as(f"{SIGNS.get(_verdict(one), '')}{_off(one, unit)}"))
+            pair = [Quantity(x.value, x.unit, x.error) for x in (figure.values[0], one)]
+            cells.append(set_as(f"{SIGNS.get(judged(pair), '')}{_off(one, unit)}"))
     return cells
 
 
@@ -89,13 +92,6 @@ def _off(one: VariantValue, unit: str) -> str:
     """Return a difference with its sign, unless nothing but its error is left of it."""
     text = written(Quantity(one.difference, unit, one.difference_error))
     return f"+{text}" if (one.difference or 0.0) > 0.0 and not _NOTHING.match(text) else text
-
-
-def _verdict(one: VariantValue) -> str:
-    """Return how a value is to the first one: ``equal`` also where an error is not known."""
-    if one.difference is None or one.difference_error is None or one.difference == 0.0:
-        return "equal"
-    return "differs" if abs(one.difference) > one.difference_error else "within"
 
 
 def _plain(text: str) -> str:

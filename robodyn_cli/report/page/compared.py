@@ -12,11 +12,13 @@ from robodyn_cli.report.page.summary import told_of
 from robodyn_cli.report.page.tables import Quantity, written
 from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import beyond
 from robodyn_cli.scene.text.leaves import leaves_of_text
 from robodyn_cli.summaries.keys import leaf_of
 
 LACKING = 12  # keys that only some scenes have; more are scenes of different things
-DIFFER, WITHIN = "differ", "within"  # what marks figures: more apart than their errors, or less
+# what marks figures: more apart than their errors, less, or apart by what cannot be judged since an error is not stated
+DIFFER, WITHIN, OPEN = "differ", "within", "open"
 
 
 @record
@@ -29,16 +31,8 @@ class SideBySide:
 
     @property
     def mark(self) -> str:
-        """Whether the values differ, beyond the errors of both, or within them; empty where they are equal."""
-        there = [value for value in self.values if value is not None]
-        numbers = [number_of(value) for value in there]
-        if all(one is not None for one in numbers):
-            low = max((x - e for x, e in filter(None, numbers)), default=0.0)
-            high = min((x + e for x, e in filter(None, numbers)), default=0.0)
-            if low > high:
-                return DIFFER
-            return WITHIN if len({x for x, _ in filter(None, numbers)}) > 1 else ""
-        return DIFFER if len({written(value) for value in there}) > 1 else ""
+        """How the values are to one another, as of ``judged``."""
+        return judged(self.values)
 
     def difference(self, k: int) -> Quantity | None:
         """Return the k-th value less the first, with the sum of both errors where both are stated; None where they are
@@ -48,6 +42,33 @@ class SideBySide:
             return None
         known = error_of(self.values[k]) is not None and error_of(self.values[0]) is not None
         return Quantity(one[0] - other[0], unit_of(self.values[k]), one[1] + other[1] if known else None)
+
+
+def judged(values: Sequence[Any]) -> str:
+    """Return how values are to one another, two or more: empty where they are equal.
+
+    They differ where two are more apart than the sum of their errors, so where no number is within the errors of all;
+    they are open where the errors that are stated do not say so and one is not. Whole numbers are exact; what is no
+    number, or in another unit, differs where it is written otherwise. None is no value.
+    """
+    there = [value for value in values if value is not None]
+    numbers = [one for one in map(number_of, there) if one is not None]
+    if len(numbers) < len(there) or len(set(map(unit_of, there))) > 1:
+        return DIFFER if len(set(map(written, there))) > 1 else ""
+    if len({x for x, _ in numbers}) < 2:
+        return ""
+    known = [one for one, value in zip(numbers, there) if _is_known(value)]
+    if known:
+        (low, one), (high, other) = min(known, key=sum), max(known, key=lambda x: x[0] - x[1])
+        if beyond(high - low, one + other):
+            return DIFFER
+    return WITHIN if len(known) == len(there) else OPEN
+
+
+def _is_known(value: Any) -> bool:
+    """Tell whether it is known how far a number is off."""
+    inner = value.value if isinstance(value, Quantity) else value
+    return isinstance(inner, int) or error_of(value) is not None
 
 
 def number_of(value: Any) -> tuple[float, float] | None:
@@ -74,7 +95,7 @@ def compared(results: Sequence[Result]) -> list[SideBySide]:
     told = [dict(_figures(result)) for result in results]
     names = list(dict.fromkeys(name for one in told for name in one))
     figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
-    return [*found, *sorted(figures, key=lambda one: one.mark != DIFFER)]
+    return [*found, *sorted(figures, key=lambda one: (DIFFER, OPEN, WITHIN, "").index(one.mark))]
 
 
 def _of_scenes(results: Sequence[Result]) -> Iterator[SideBySide]:

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.overlay import OVERLAID, series_of
 from robodyn_cli.report.page.charts import Arrays, looks
-from robodyn_cli.report.page.compared import DIFFER, WITHIN, SideBySide, compared, number_of
+from robodyn_cli.report.page.compared import DIFFER, OPEN, WITHIN, SideBySide, compared, number_of
 from robodyn_cli.report.page.tables import Html, Quantity, element, typeset, written
 from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.report.style import labelled, unit
@@ -24,7 +24,11 @@ MOST_FIGURES = 80  # of the table
 POINTS = 600_000  # of all lines over one another: 10 MB as text
 FEWEST = 60  # of a line
 DRAWN = 8  # results whose lines are seen first
-MARKS = {DIFFER: ("≠", "differ by more than their errors"), WITHIN: ("≈", "differ within their errors")}
+MARKS = {
+    DIFFER: ("≠", "differ by more than their errors"),
+    WITHIN: ("≈", "differ within their errors"),
+    OPEN: ("?", "differ, and not all state an error"),
+}
 
 
 # -- the table ------------------------------------------------------------------------------------------------
@@ -202,7 +206,8 @@ def _compare(labels: Sequence[str], found: Sequence[SideBySide], data: Mapping[s
     left = len(found) - MOST_FIGURES
     more = f" {left} more figures, those that differ least, stand with each result." if left > 0 else ""
     legend = (
-        "≠ differ by more than their errors; ≈ differ within them; blank: the result has no such figure. "
+        "≠ differ by more than their errors; ≈ differ within them; ? differ, and not all state an error; blank: the "
+        "result has no such figure. "
         "A difference without ± is of figures of which one states no error."
     )
     parts = [
