@@ -38,17 +38,32 @@ MOST_LISTED = 100  # names that a message lists
 class RobodynError(Exception):
     """Base of all errors that robodyn raises on purpose.
 
-    ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``. ``result`` is
-    what a command had computed until then (a ``results.result.Result``), None where there is nothing to show.
+    sentence : what is wrong. about : what stands before it where it is shown: a place in a file or an option, and the
+    key. ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``.
+    ``result`` is what a command had computed until then (a ``results.result.Result``), None where there is nothing to
+    show.
     """
 
     exit_code = 70
     result: object | None = None
 
-    def __init__(self, message: str, **details: Any) -> None:
-        super().__init__(message)
-        self.message = message
+    def __init__(self, sentence: str, about: Sequence[str] = (), **details: Any) -> None:
+        super().__init__(sentence)
+        self.sentence = sentence
+        self.about = tuple(filter(None, about))
         self.details = details
+
+    def __str__(self) -> str:
+        return self.message
+
+    @property
+    def message(self) -> str:
+        """What is wrong and with what, in words."""
+        return ": ".join((*self.about, self.sentence))
+
+    def beyond(self, known: str) -> str:
+        """Return the message for a reader who knows what it is about: without this, if it begins so."""
+        return ": ".join((*self.about[self.about[:1] == (known,) :], self.sentence))
 
     @property
     def facts(self) -> dict[str, Any]:

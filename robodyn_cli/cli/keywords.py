@@ -18,6 +18,7 @@ from robodyn_cli.commands import COMMANDS, python_name
 from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.text.nodes import IN_PYTHON
 from robodyn_cli.scene.text.values import settings, text_of
 
 # options that concern terminals alone: a function prints nothing
@@ -84,7 +85,7 @@ class Keyword:
         except typer.BadParameter as error:
             raise SceneError(f"{self.name}: {error.message}") from None
         except SceneError as error:
-            raise SceneError(f"{self.name}: {error.message}".replace("<dict>: ", "")) from None
+            raise SceneError(error.beyond(IN_PYTHON), (self.name,)) from None
 
     def _items(self, given: Any) -> list[Any]:
         """Return the values of a list: of a map its entries as words."""

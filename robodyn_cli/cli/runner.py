@@ -289,7 +289,7 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
         console.note(f"robodyn: warning: {text}")
     if warnings and strict:
         message = "; ".join(warnings)
-        raise SceneError(f"{scene.path}: {message} (errors because of --strict)", warnings=warnings)
+        raise SceneError(f"{message} (errors because of --strict)", (scene.path,), warnings=warnings)
 
 
 def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:

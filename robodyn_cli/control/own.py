@@ -95,8 +95,9 @@ class InPython(Follower):
         """
         if self.function is None:
             raise SceneError(
-                "control.type: 'python' needs a function: simulate(scene, controller=f) in Python; allowed on the "
+                "'python' needs a function: simulate(scene, controller=f) in Python; allowed on the "
                 "command line: the other types",
+                ("control.type",),
                 key="control.type",
             )
         where, driven = f"at t = {time:.6g} s", len(self.joints or ())

@@ -112,7 +112,9 @@ def acting(problem: Problem, inertia: bool | None) -> dict[str, Exerted]:
         ),
     ):
         if there:
-            raise CapabilityError(f"{scene.path}: motorisation: a margin knows no {what}", key="motorisation")
+            raise CapabilityError(
+                f"a margin knows no {what}", (scene.path, "motorisation"), key="motorisation"
+            )
     every = exerted(problem, inertia=inertia is True)
     every = {name: one for name, one in every.items() if name.removeprefix("torques.") not in scene.drives}
     controlled = scene.control.joints if inertia is False and scene.control is not None else ()
@@ -121,7 +123,8 @@ def acting(problem: Problem, inertia: bool | None) -> dict[str, Exerted]:
             every[name] = Exerted(DRIVE, [float(x in joints) for x in problem.model.v_names])
     if not any(one.role == DRIVE for one in every.values()):
         raise SceneError(
-            f"{scene.path}: motorisation: nothing drives; give `torques`, `drives`, or a force with `role: drive`",
+            "nothing drives; give `torques`, `drives`, or a force with `role: drive`",
+            (scene.path, "motorisation"),
             key="motorisation",
         )
     missing = unknown_among([x for one in every.values() for x in one.torque])
@@ -197,7 +200,9 @@ class JointMargins:
         independent, driven = driven_joints(problem, every, psi[len(psi) // 2])
         R = following(psi, independent)
         if R is None:
-            raise CapabilityError(f"{problem.scene.path}: motorisation: the loops lose rank in the motion")
+            raise CapabilityError(
+                "the loops lose rank in the motion", (problem.scene.path, "motorisation"), key="motorisation"
+            )
         R = R[:, :, list(driven)]
 
         def sides(v: Array, a: Array) -> RatioSides:

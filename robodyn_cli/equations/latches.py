@@ -212,17 +212,19 @@ def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, i
     loop = next((x for x in model.loops if {x.first.body, x.second.body} == {one, two}), None)
     if loop is None or loop.element.type != "revolute":
         raise CapabilityError(
-            f"{problem.scene.path}: deploy.latches: latch {spec.name!r} cannot hold {first!r} and {second!r}: neither "
+            f"latch {spec.name!r} cannot hold {first!r} and {second!r}: neither "
             "a joint of one axis nor a closure of type 'revolute' joins them; allowed: links that one of these joins",
+            (problem.scene.path, "deploy.latches"),
             key="deploy.latches",
         )
     psi, drift = _turning(problem, loop)
     is_sum = len(model.q_names) == model.nv and not any(isinstance(x, Expr) for x in psi)
     if spec.hold != "rigid" and not is_sum:
         raise CapabilityError(
-            f"{problem.scene.path}: deploy.latches: latch {spec.name!r} has a spring, which needs a position; "
+            f"latch {spec.name!r} has a spring, which needs a position; "
             f"{first!r} and {second!r} meet in closure {loop.name!r}, where the turn of one against the other is no "
             "sum of positions of joints; allowed: hold: rigid, or a loop whose joints turn about parallel axes",
+            (problem.scene.path, "deploy.latches"),
             key="deploy.latches",
         )
     sign = 1.0 if loop.first.body == one else -1.0
@@ -338,4 +340,4 @@ def refuse_company(problem: MechanismParts) -> None:
     for words, there in reasons.items():
         if there:
             key = of_dead_points if words.startswith("'at_dead_point'") else "deploy.latches"
-            raise CapabilityError(f"{scene.path}: {key}: does not go with {words}", key=key)
+            raise CapabilityError(f"does not go with {words}", (scene.path, key), key=key)

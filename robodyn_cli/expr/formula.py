@@ -16,7 +16,6 @@ from robodyn_cli.expr.formula_tree import (
     Identifier,
     Num,
     fail,
-    prefix,
 )
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
@@ -39,14 +38,14 @@ class FormulaTree:
     text : as written.
     names : free identifiers with the column of their first use; canonical (``t``, ``q.NAME``, ``qd.NAME``,
         ``p.NAME``, ``length(A, B)``, ``x(A)`` for ``A.x``) after ``resolve``.
-    unit_words : words of units in it, with the column of their first use.
+    unit_words : words of units in it, with the column of their first use. where : what an error says of its place.
     """
 
     root: FormulaNode
     text: str = dataclasses.field(compare=False)
     columns: Mapping[str, int] = dataclasses.field(default_factory=dict, compare=False, repr=False)
     unit_words: Mapping[str, int] = dataclasses.field(default_factory=dict, compare=False, repr=False)
-    where: str = dataclasses.field(default="", compare=False, repr=False)
+    where: Mapping[str, Any] = dataclasses.field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def number(value: float) -> FormulaTree:
@@ -84,7 +83,7 @@ class FormulaTree:
                 raise
             at = ", ".join(f"{name} = {env[name]!r}" for name in sorted(self.columns))
             raise NumericalError(
-                f"{prefix(self.where)}formula {shown(self.text)} has no value at {at}: {error}"
+                f"formula {shown(self.text)} has no value at {at}: {error}", **self.where
             ) from error
 
     def resolve(
@@ -171,13 +170,12 @@ def _as_written(name: str) -> str:
     return f"{point}.{axis}" if axis in AXES and point else name
 
 
-def parse(text: str, where: str = "") -> FormulaTree:
+def parse(text: str) -> FormulaTree:
     """Parse a formula.
 
     Parameters
     ----------
     text : the formula.
-    where : place put in front of error messages.
 
     Raises
     ------
@@ -186,10 +184,10 @@ def parse(text: str, where: str = "") -> FormulaTree:
     from robodyn_cli.expr.formula_parser import Parser  # a scene of plain numbers needs none
 
     if len(text) > MAX_LENGTH:
-        raise SceneError(f"{prefix(where)}formula of {len(text)} characters; allowed: at most {MAX_LENGTH}")
-    parser = Parser(text, where)
+        raise SceneError(f"formula of {len(text)} characters; allowed: at most {MAX_LENGTH}")
+    parser = Parser(text)
     root = parser.whole()
-    return FormulaTree(root, text, parser.names, parser.units, where)
+    return FormulaTree(root, text, parser.names, parser.units)
 
 
 def formulas_in(value: Any) -> Iterator[FormulaTree]:

@@ -43,7 +43,7 @@ class Token:
     column: int
 
 
-def tokens(text: str, where: str = "") -> list[Token]:
+def tokens(text: str) -> list[Token]:
     """Return the words of a formula, the end last.
 
     Raises
@@ -58,7 +58,7 @@ def tokens(text: str, where: str = "") -> list[Token]:
             continue
         match = _TOKEN.match(text, position)
         if match is None:
-            tree.fail(text, position + 1, f"unexpected {text[position]!r}", where)
+            tree.fail(text, position + 1, f"unexpected {text[position]!r}")
         found.append(Token(str(match.lastgroup), match.group(), position + 1))
         position = match.end()
     return [*found, Token("end", "end of the formula", len(text) + 1)]
@@ -67,10 +67,9 @@ def tokens(text: str, where: str = "") -> list[Token]:
 class Parser:
     """Pratt parser: ``expression(binding)`` reads operators that bind at least that tightly."""
 
-    def __init__(self, text: str, where: str) -> None:
+    def __init__(self, text: str) -> None:
         self.text = text
-        self.where = where
-        self.tokens = tokens(text, where)
+        self.tokens = tokens(text)
         self.position = 0
         self.names: dict[str, int] = {}
         self.units: dict[str, int] = {}  # words of units, with the columns of their first use
@@ -98,7 +97,7 @@ class Parser:
         self.next()
 
     def fail(self, token: Token, message: str) -> NoReturn:
-        tree.fail(self.text, token.column, message, self.where)
+        tree.fail(self.text, token.column, message)
 
     def unexpected(self, token: Token, wanted: str = "") -> NoReturn:
         shown = token.text if token.kind == "end" else repr(token.text)

@@ -55,13 +55,12 @@ OF_POINTS = {"length": (2, "q"), "length_rate": (2, "qd"), "angle": (3, "q"), "s
 AXES = {"x": "q", "y": "q", "z": "q", "vx": "qd", "vy": "qd", "vz": "qd"}
 
 
-def fail(text: str, column: int, message: str, where: str = "") -> NoReturn:
-    """Raise the error of a formula; ``column`` counts from 1 inside the formula."""
-    raise SceneError(f"{prefix(where)}formula {shown(text)}, column {column}: {message}")
+NOWHERE: Mapping[str, Any] = {}  # what errors say of the place of what stands in no scene
 
 
-def prefix(where: str) -> str:
-    return f"{where}: " if where else ""
+def fail(text: str, column: int, message: str, where: Mapping[str, Any] = NOWHERE) -> NoReturn:
+    """Raise the error of a formula; ``column`` counts from 1 inside the formula. where : its place in the scene."""
+    raise SceneError(f"formula {shown(text)}, column {column}: {message}", **where)
 
 
 class FormulaNode:

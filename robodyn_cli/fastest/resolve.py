@@ -227,16 +227,20 @@ def _check_path(way: JointMotion, s: Array, model: Model) -> None:
     if still.any():
         k = int(np.argmax(still))
         raise GeometryError(
-            f"trajectory: the path stands still at its t = {s[k]:.6g} s, where it has no direction; 'fastest' takes "
+            f"the path stands still at its t = {s[k]:.6g} s, where it has no direction; 'fastest' takes "
             "paths that move all the time (`points`, a circle, formulas without rests)",
+            ("trajectory",),
+            key="trajectory",
             time=float(s[k]),
         )
     jump = np.abs(slope[1:, 0] - slope[:-1, -1])
     if jump.size and jump.max() > CORNER * largest:
         k, joint = (int(x) for x in np.unravel_index(int(np.argmax(jump)), jump.shape))
         raise GeometryError(
-            f"trajectory: the path has a corner at its t = {s[k + 1]:.6g} s (joint {model.v_names[joint]!r}), which "
+            f"the path has a corner at its t = {s[k + 1]:.6g} s (joint {model.v_names[joint]!r}), which "
             "'fastest' cannot pass without a stop; use a smooth path",
+            ("trajectory",),
+            key="trajectory",
             time=float(s[k + 1]),
         )
 
@@ -294,11 +298,13 @@ def _refusal(path: LimitedPath, where: float, model: Model) -> GeometryError:
         same = low == -high
         needed, most = (abs(needed), f"{high:.6g}") if same else (needed, f"{low:.6g} to {high:.6g}")
         return GeometryError(
-            f"trajectory: the limits allow no motion {at}: joint {joint!r} needs {needed:.6g} there "
-            f"at rest, and its effort is limited to {most}",
+            f"the limits allow no motion {at}: joint {joint!r} needs {needed:.6g} there "
+            f"at rest, and its effort is limited to {most}", ("trajectory",), key="trajectory",
             time=where, joint=joint,
         )  # fmt: skip
     return GeometryError(
-        f"trajectory: no speed keeps to the limits {at}; use a smoother path, or raise them",
+        f"no speed keeps to the limits {at}; use a smoother path, or raise them",
+        ("trajectory",),
+        key="trajectory",
         time=where,
     )

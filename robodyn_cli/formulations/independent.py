@@ -97,8 +97,10 @@ def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None
     if problem.dependent or problem.contact_joints:
         why = "redundant rows" if problem.dependent else "joints that stick or meet rigid stops"
         raise CapabilityError(
-            f"simulate.stabilisation: independent coordinates do not go with {why}; allowed: projection, none, "
-            "Baumgarte's {alpha, beta}"
+            f"independent coordinates do not go with {why}; allowed: projection, none, "
+            "Baumgarte's {alpha, beta}",
+            ("simulate.stabilisation",),
+            key="simulate.stabilisation",
         )
     nv, choice = problem.model.nv, CoordinatePartition(problem)
     q_step = problem.moved(correction(choice.masked, problem.independent_rows.eta))

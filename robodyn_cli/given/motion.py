@@ -135,8 +135,9 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     trajectory: JointSpaceTrajectory | TaskSpaceTrajectory | None = scene.trajectory
     if trajectory is None and not scene.prescribed:
         raise SceneError(
-            f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
+            f"key 'trajectory' is missing: inverse dynamics needs a motion; "
             f"kinds: {', '.join(trajectory_types)}",
+            (scene.path,),
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpaceTrajectory):
@@ -196,7 +197,7 @@ def point_task(problem: Problem) -> PathTask:
 
     scene, model = problem.scene, problem.model
     trajectory: Any = scene.trajectory
-    where = f"{scene.path}: " if scene.path else ""
+    where = scene.path
     frame, ik = model.place(trajectory.point), trajectory.ik
     start, prescribed = ik.guess or scene.initial.q, scene.prescribed
     if prescribed:

@@ -10,6 +10,7 @@ import numpy as np
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
+from robodyn_cli.expr.formula_tree import NOWHERE
 from robodyn_cli.expr.rebuild import Interpreter, evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
@@ -43,8 +44,8 @@ def prescribed_starts(scene: Scene) -> dict[str, float]:
         given = scene.initial.q.get(name)
         if given is not None and abs(given - start) > 1e-9 * max(1.0, abs(start)):
             raise SceneError(
-                f"{scene.path}: initial.q.{name}: {given:.9g} contradicts prescribed.{name}, which starts at "
-                f"{start:.9g}; leave it out of initial.q, or make them agree",
+                f"{given:.9g} contradicts prescribed.{name}, which starts at "
+                f"{start:.9g}; leave it out of initial.q, or make them agree", (scene.path, f"initial.q.{name}"),
                 file=scene.path, key=f"initial.q.{name}",
             )  # fmt: skip
     return starts
@@ -61,7 +62,8 @@ def refuse_both(scene: Scene) -> None:
     both = [name for name in led if name in position_columns(scene.prescribed)]
     if both:
         raise SceneError(
-            f"{scene.path}: joint {both[0]!r} moves by `trajectory` and by `prescribed`; leave it out of one of them",
+            f"joint {both[0]!r} moves by `trajectory` and by `prescribed`; leave it out of one of them",
+            (scene.path,),
             key=f"prescribed.{both[0]}",
         )
 
@@ -78,25 +80,34 @@ def check_prescribed(problem: Problem) -> None:
     for i in constraints.rheonomic:
         row = _Course(problem, constraints.rows[i])
         name = row.name.partition(".")[2] if i in constraints.prescribed else row.name.rpartition(".")[0]
-        where = f"the prescribed motion in {name!r} (row {row.name})"
+        what, where = f"the prescribed motion in {name!r} (row {row.name})", NOWHERE
         if i in constraints.prescribed:
             formula = _formula(problem.scene.prescribed, name)
-            where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
+            what, where = f"the motion {formula.text!r}", formula.where
         for order, (value,) in zip(("rate", "acceleration"), row.at(START)[1:]):
             if not np.isfinite(value):
                 raise NumericalError(
-                    f"{where} has no finite {order} at t = 0", time=0.0, joint=name, status="not_finite"
+                    f"{what} has no finite {order} at t = 0",
+                    **where,
+                    time=0.0,
+                    joint=name,
+                    status="not_finite",
                 )
-        _refuse_jumps(problem, row, where, i in constraints.prescribed)
+        _refuse_jumps(problem, row, (where, what), i in constraints.prescribed)
 
 
-def _refuse_jumps(problem: Problem, row: _Course, where: str, prescribed: bool, rates: bool = True) -> None:
+def _refuse_jumps(
+    problem: Problem, row: _Course, named: tuple[Mapping[str, Any], str], prescribed: bool, rates: bool = True
+) -> None:
     """Refuse a motion that jumps, in its position or, unless ``rates`` is false, in its rate.
+
+    named : the motion's place in the scene and what it is, in words.
 
     Raises
     ------
     SceneError : with the time and both values.
     """
+    where, what = named
     name = row.name.partition(".")[2] if prescribed else row.name.rpartition(".")[0]
     times = _doubtful_times(problem, row.row, prescribed)
     if not times.size:
@@ -109,8 +120,8 @@ def _refuse_jumps(problem: Problem, row: _Course, where: str, prescribed: bool, 
         if jumps.size:
             first = jumps[0]
             raise SceneError(
-                f"{where} jumps at t = {times[first]:.9g} s: its {quantity} goes from {before[k][first]:.6g} to "
-                f"{after[k][first]:.6g}, which takes an infinite torque; let it go there in finite time",
+                f"{what} jumps at t = {times[first]:.9g} s: its {quantity} goes from {before[k][first]:.6g} to "
+                f"{after[k][first]:.6g}, which takes an infinite torque; let it go there in finite time", **where,
                 joint=name, time=float(times[first]),
             )  # fmt: skip
 
@@ -124,13 +135,13 @@ def _check_moving_ends(problem: Problem) -> None:
     """
     for key, place, rate in problem.elements.moving:
         for x, v in zip(place, rate):
-            where = f"the motion of the place {key!r}"
+            what = f"the motion of the place {key!r}"
             row = _Course(problem, Row(key, -x, zeros(0), 0.0, -v))
             if not np.all(np.isfinite(row.at(START)[:2])):
                 raise NumericalError(
-                    f"{where} has no finite place or rate at t = 0", time=0.0, status="not_finite"
+                    f"{what} has no finite place or rate at t = 0", time=0.0, status="not_finite"
                 )
-            _refuse_jumps(problem, row, where, False, rates=False)
+            _refuse_jumps(problem, row, (NOWHERE, what), False, rates=False)
 
 
 class _Course:

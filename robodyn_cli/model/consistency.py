@@ -24,7 +24,7 @@ def refuse_immovable(scene: Scene) -> None:
     """
     if not any(joint_types[joint.type].nv for joint in scene.robot.joints):
         raise SceneError(
-            f"{scene.path}: robot.joints: all joints are fixed, so there are neither motions nor torques of joints",
+            "all joints are fixed, so there are neither motions nor torques of joints", (scene.path, "robot.joints"),
             file=scene.path, key="robot.joints",
         )  # fmt: skip
 

@@ -177,11 +177,15 @@ def refuse_study(problem: Problem) -> None:
     """
     if problem.dependent:
         raise CapabilityError(
-            "simulate.stabilisation: Baumgarte's gains are not chosen where rows of the loops depend on each other; "
-            "allowed: projection, none, Baumgarte's {alpha, beta}"
+            "Baumgarte's gains are not chosen where rows of the loops depend on each other; "
+            "allowed: projection, none, Baumgarte's {alpha, beta}",
+            ("simulate.stabilisation",),
+            key="simulate.stabilisation",
         )
     if problem.is_held:
         raise CapabilityError(
-            "simulate.stabilisation: the runs that choose Baumgarte's gains do not follow joints that stick, "
-            "meet rigid stops or latch; allowed: projection, none, Baumgarte's {alpha, beta}"
+            "the runs that choose Baumgarte's gains do not follow joints that stick, "
+            "meet rigid stops or latch; allowed: projection, none, Baumgarte's {alpha, beta}",
+            ("simulate.stabilisation",),
+            key="simulate.stabilisation",
         )

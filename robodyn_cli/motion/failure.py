@@ -61,7 +61,7 @@ def with_cause(error: NumericalError, problem: Problem, driver: Driver) -> Numer
     words, place = breakdown(problem, driver, status)
     at = TimedState(driver.time, q, v, z)
     if status in BREAKDOWNS and (formula := _formula(problem, at, a, z_rate)):
-        words = f"; {formula}"
+        words = f"; {formula.message}"
     return NumericalError(
         error.message + words + nearly_singular(problem, q, driver.time), **{**place, **error.details}
     )
@@ -91,10 +91,10 @@ def _too_long(driver: Driver, v: Array, a: Array, duration: float) -> str:
     )
 
 
-def _formula(problem: Problem, at: TimedState, a: Array, z_rate: Array) -> str | None:
-    """Return in words the formula of the scene that has no finite value at an instant, or right after it."""
-    if (words := formula_without_value(problem, at)) is not None or not np.all(np.isfinite(a)):
-        return words
+def _formula(problem: Problem, at: TimedState, a: Array, z_rate: Array) -> NumericalError | None:
+    """Return the error of the formula of the scene that has no finite value at an instant, or right after it."""
+    if (fault := formula_without_value(problem, at)) is not None or not np.all(np.isfinite(a)):
+        return fault
     soon = SOON * problem.scene.simulate.duration
     moved = Manifold(problem.model).integrate(at.q, soon * at.v)
     z = None if at.z is None else at.z + soon * z_rate

@@ -84,8 +84,9 @@ class Journal:
             head = _line(file)
             if head is not None and head != self._head:
                 raise SceneError(
-                    f"{scene.path}: the unfinished run in {self.path} is of another scene, other settings or other "
+                    f"the unfinished run in {self.path} is of another scene, other settings or other "
                     "code of robodyn; allowed: the same ones, or a run from the start, without --resume",
+                    (scene.path,),
                     file=scene.path,
                 )
             for _ in _blocks(file):
@@ -250,9 +251,9 @@ class Stored:
         if waited and all(latch.name in closed and latch.release is None for latch in waited):
             named = until if until != "all" else f"all ({_listed(tuple(latch.name for latch in waited))})"
             raise SceneError(
-                f"{scene.path}: deploy.until: {named}: closed already in the stored run, at {self.time:g} s, and "
+                f"{named}: closed already in the stored run, at {self.time:g} s, and "
                 "nothing opens it; allowed: end, or a latch that is open there or has a 'release'",
-                file=scene.path, key="deploy.until",
+                (scene.path, "deploy.until"), file=scene.path, key="deploy.until",
             )  # fmt: skip
 
     def _columns(self, quantity: str, names: Sequence[str], needed: Sequence[str], row: Array) -> Array:
@@ -321,7 +322,7 @@ class Stored:
 
 def refused(scene: Scene, why: str, key: str = "from") -> SceneError:
     """Return the error of what `initial.from` (or `initial.at`) names."""
-    return SceneError(f"{scene.path}: initial.{key}: {why}", file=scene.path, key=f"initial.{key}")
+    return SceneError(why, (scene.path, f"initial.{key}"), file=scene.path, key=f"initial.{key}")
 
 
 def stored_run(scene: Scene) -> Stored:

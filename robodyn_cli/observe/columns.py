@@ -182,7 +182,8 @@ def refuse_missing(names: Sequence[str], known: Collection[str], paths: Iterable
     for name in names:
         if name not in known:
             raise SceneError(
-                f"outputs.extremes: this run has no column {name!r}; allowed: columns of {', '.join(paths)}",
+                f"this run has no column {name!r}; allowed: columns of {', '.join(paths)}",
+                ("outputs.extremes",),
                 key="outputs.extremes",
             )
 

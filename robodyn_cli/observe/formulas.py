@@ -39,7 +39,7 @@ def check_formulas(problem: Problem, q: Array, v: Array) -> None:
     """
     fault = formula_without_value(problem, TimedState(0.0, q, v))
     if fault is not None:
-        raise SceneError(f"{fault}, at the start (t = 0)", file=problem.scene.path)
+        raise SceneError(f"{fault.sentence}, at the start (t = 0)", fault.about, **fault.details)
 
 
 def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
@@ -60,7 +60,9 @@ def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
     there = TimedState(soon, moved, v + soon * a)
     fault = formula_without_value(problem, there) if np.isfinite(moved).all() else None
     if fault is not None:
-        raise SceneError(f"{fault}, right after the start (t = {soon:.3g} s)", file=problem.scene.path)
+        raise SceneError(
+            f"{fault.sentence}, right after the start (t = {soon:.3g} s)", fault.about, **fault.details
+        )
 
 
 def _at_an_edge(problem: Problem, at: TimedState) -> bool:
@@ -68,18 +70,20 @@ def _at_an_edge(problem: Problem, at: TimedState) -> bool:
     for formula, env in _formulas(problem, at):
         for name, x in env.items():
             change = BESIDE * max(1.0, abs(x))
-            if any(_without_value(formula, env | {name: near}) for near in (x - change, x + change)):
+            if any(
+                _without_value(formula, env | {name: near}) is not None for near in (x - change, x + change)
+            ):
                 return True
     return False
 
 
-def formula_without_value(problem: Problem, at: TimedState) -> str | None:
-    """Return in words the first formula without a finite value at an instant, None if all have one."""
-    return next((words for x in _formulas(problem, at) if (words := _without_value(*x))), None)
+def formula_without_value(problem: Problem, at: TimedState) -> NumericalError | None:
+    """Return the error of the first formula without a finite value at an instant, None if all have one."""
+    return next((error for x in _formulas(problem, at) if (error := _without_value(*x)) is not None), None)
 
 
-def formula_ending(problem: Problem, at: TimedState, to: TimedState) -> str | None:
-    """Return in words the first formula that has a finite value at one instant, and not all the way to another.
+def formula_ending(problem: Problem, at: TimedState, to: TimedState) -> NumericalError | None:
+    """Return the error of the first formula that has a finite value at one instant, and not all the way to another.
 
     On the way, what it depends on goes straight from the one to the other.
     """
@@ -97,7 +101,7 @@ def formula_ending(problem: Problem, at: TimedState, to: TimedState) -> str | No
             values = ", ".join(f"{name} = {x:.6g}" for name, x in sorted(here.items()))
             value = float(formula.evaluate(here))
             text = f"formula {formula.text!r} is {value:.6g} at {values}, and has no finite value next to it"
-            return f"{formula.where}: {text}"
+            return NumericalError(text, **formula.where)
     return None
 
 
@@ -130,12 +134,16 @@ def _values(
     return dict(zip(entries, numbers(list(entries.values()), groups).tolist()))
 
 
-def _without_value(formula: FormulaTree, env: Mapping[str, float]) -> str:
-    """Return in words that a formula has no finite value, "" where it has one."""
+def _without_value(formula: FormulaTree, env: Mapping[str, float]) -> NumericalError | None:
+    """Return the error of a formula that has no finite value, None where it has one."""
     if not formula.names <= env.keys():
-        return ""
+        return None
     try:
         value = float(formula.evaluate(env))
     except NumericalError as error:
-        return error.message
-    return "" if np.isfinite(value) else f"{formula.where}: formula {formula.text!r} is {value}"
+        return error
+    return (
+        None
+        if np.isfinite(value)
+        else NumericalError(f"formula {formula.text!r} is {value}", **formula.where)
+    )

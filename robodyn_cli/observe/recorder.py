@@ -150,7 +150,7 @@ class Recorder:
         formula = formula_without_value(self.observer.problem, at)
         column = self.columns.get(path)
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
-        return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
+        return not_finite(path, float(t[sample]), TOO_LARGE if formula is None else formula.message, name)
 
     def largest_loads(self, events: Sequence[float] = ()) -> dict[str, PeakLoad]:
         """Return the largest load of each joint and closure by name; events : times [s] at which loads may jump."""

@@ -4,7 +4,6 @@ of their key: file, line and column."""
 from __future__ import annotations
 
 import contextlib
-import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -97,7 +96,7 @@ def _asked_of(command: str, scene: Scene) -> Iterator[None]:
     if scene.initial.source is not None and not COMMANDS[command].takes_up:
         allowed = ", ".join(repr(name) for name, row in COMMANDS.items() if row.takes_up)
         raise SceneError(
-            f"{scene.path}: initial.from: {command!r} does not go on from a stored run; allowed: {allowed}",
+            f"{command!r} does not go on from a stored run; allowed: {allowed}", (scene.path, "initial.from"),
             file=scene.path, key="initial.from",
         )  # fmt: skip
     with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's
@@ -119,7 +118,6 @@ NAMED = (
     ("coupler", "couplers"),
     ("coupler", "robot.couplers"),
 )
-KEY = re.compile(r"([a-z_]+(?:\.\w+)*)(?:: | \()")  # with which a message may begin
 
 
 def place(error: RobodynError, tree: Callable[[], Node | None], command: str) -> None:
@@ -136,17 +134,14 @@ def place(error: RobodynError, tree: Callable[[], Node | None], command: str) ->
         return
     if (root := tree()) is None:
         return
-    sentence = error.message.removeprefix(f"{root.source.name}: ")
-    if (said := re.match(re.escape(root.source.name) + r":(\d+):(\d+):", error.message)) is not None:
-        error.details = {**details, "file": root.source.name, "line": int(said[1]), "column": int(said[2])}
-        return
-    path = path_of(error, sentence, root, command)
-    placed = located(nearest(root, path), dotted(path), sentence.removeprefix(f"{dotted(path)}: "))
-    error.message, error.details = placed.message, {**details, **placed.details}
-    error.args = (error.message,)
+    path = path_of(error, root, command)
+    placed = located(nearest(root, path), dotted(path), error.sentence)
+    said = {root.source.name, str(details.get("key", "")), dotted(path), ": ".join(placed.about)}
+    error.about = (*placed.about, *(x for x in error.about if x not in said))
+    error.details = {**details, **placed.details}
 
 
-def path_of(error: RobodynError, sentence: str, root: Node, command: str) -> Path:
+def path_of(error: RobodynError, root: Node, command: str) -> Path:
     """Return the path of the key that an error is about, as far as it says; empty where it does not."""
     details = error.details
     if key := str(details.get("key", "")):
@@ -154,9 +149,6 @@ def path_of(error: RobodynError, sentence: str, root: Node, command: str) -> Pat
         return of_robot if find(root, steps(key)[:1]) is None and find(root, of_robot[:2]) else steps(key)
     if lacking := owners(root, details.get("missing", ())):
         return lacking[0]
-    begins = KEY.match(sentence)
-    if begins and (path := steps(begins[1])) and find(root, path[:1]) is not None:
-        return path
     for name, where in NAMED:
         items = find(root, steps(where))
         if name in details and isinstance(items, SequenceNode):

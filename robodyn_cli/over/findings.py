@@ -72,21 +72,20 @@ def _varied(path: Path, overrides: Sequence[str], scene: Scene, root: Node) -> I
     if not any(sections.values()):
         return
     from robodyn_cli.over.many.keys import Allowed, understand
-    from robodyn_cli.over.study.study import check_key
+    from robodyn_cli.over.study.study import check_key, varied
 
     family = Family(path, overrides)
     for section, vary in sections.items():
         for key, variation in vary.items():
-            message = ""
+            asked = varied(key, variation)
             try:
                 check_key(family, key, variation)
                 ends = np.array(variation.arguments if section == "search" else ())[:, None]
-                refused = Allowed(family, [understand(family, key)]).refusals(ends) if len(ends) else {}
-                message = next((error.message for error in refused.values()), "")
+                keys = [understand(family, key, asked)] if len(ends) else []
+                for error in Allowed(family, keys, asked).refusals(ends).values():
+                    raise error
             except SceneError as error:
-                message = error.message.removeprefix(f"--vary {key}={variation.text}: ")
-            if message:
-                yield _at(root, key_place(root, (section, "vary"), key), message)
+                yield _at(root, key_place(root, (section, "vary"), key), error.beyond(asked))
 
 
 def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:

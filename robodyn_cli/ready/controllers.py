@@ -221,7 +221,7 @@ def _by_name(weight: float | dict[str, float], names: tuple[str, ...]) -> Array:
 
 
 def _refusal(scene: Scene, why: str) -> SceneError:
-    return SceneError(f"{scene.path}: control: {why}", file=scene.path, key="control")
+    return SceneError(why, (scene.path, "control"), file=scene.path, key="control")
 
 
 def with_controller_ready(scene: Scene) -> Scene:
@@ -255,9 +255,9 @@ def _with_directions(scene: Scene) -> Scene:
     freedom, commanded = N.shape[2], int((s > RANK).sum())
     if commanded < freedom:
         raise SceneError(
-            f"{scene.path}: control.joints: the mechanism has {freedom} degrees of freedom, and at the start the "
+            f"the mechanism has {freedom} degrees of freedom, and at the start the "
             f"driven joints ({', '.join(joints)}) command {commanded} of them; {scene.control.type!r} needs as many "
-            "independent ones, in 'control.joints' or 'actuated'",
+            "independent ones, in 'control.joints' or 'actuated'", (scene.path, "control.joints"),
             file=scene.path, key="control.joints",
         )  # fmt: skip
     if len(joints) == freedom:

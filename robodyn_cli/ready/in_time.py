@@ -140,8 +140,7 @@ def _within(place: str, error: RobodynError) -> RobodynError:
     """Return an error about a segment, taken for the scene's trajectory, with its place in the sequence."""
     key = str(error.details.get("key", "trajectory"))
     error.details["key"] = place + key.removeprefix("trajectory")
-    error.message = f"{place}: {error.message}"
-    error.args = (error.message,)
+    error.about = (place, *error.about)
     return error
 
 

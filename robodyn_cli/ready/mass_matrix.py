@@ -296,9 +296,9 @@ def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
             key, joint = ".".join(map(str, path)), problem.model.joint_of(int(np.argmax(np.abs(rates))))
             where = scene.path
             raise SceneError(
-                f"{where}: {key}: {name}: {text}, which makes the mass matrix not positive: the kinetic energy of a "
+                f"{name}: {text}, which makes the mass matrix not positive: the kinetic energy of a "
                 f"motion of joint {joint!r} is negative; allowed: inertias of bodies, or identified parameters that "
-                "keep the mass matrix positive",
+                "keep the mass matrix positive", (where, key),
                 file=where, key=key, joint=joint,
             )  # fmt: skip
 

@@ -99,9 +99,10 @@ def refuse_changes(scene: Scene, command: str) -> None:
     for k, payload in enumerate(scene.payloads):
         if payload.changes:
             raise CapabilityError(
-                f"{scene.path}: payloads.{k}: {command} does not follow masses that are gripped or released (here "
+                f"{command} does not follow masses that are gripped or released (here "
                 f"{payload.name!r}); allowed: payloads without 'from' and 'until', and with them the commands "
                 "simulate, inverse, work-precision, and deploy with latches",
+                (scene.path, f"payloads.{k}"),
                 key=f"payloads.{k}",
             )
 
@@ -150,7 +151,7 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
             )
             kind = "coordinate" if "." in name else "joint"
             raise SceneError(
-                f"{scene.path}: initial.q: {kind} {name!r} has no initial position ({why})",
+                f"{kind} {name!r} has no initial position ({why})", (scene.path, "initial.q"),
                 file=scene.path, key="initial.q",
             )  # fmt: skip
     return given

@@ -126,7 +126,7 @@ def examine(source: GivenScene, overrides: Overrides = ()) -> Examined:
 
 def _texts(overrides: Overrides) -> tuple[str, ...]:
     """Return overrides as texts ``key.path=value``; most are."""
-    if isinstance(overrides, (list, tuple)) and all(type(x) is str for x in overrides):
+    if isinstance(overrides, (list, tuple)) and all(isinstance(x, str) for x in overrides):
         return tuple(overrides)
     from robodyn_cli.scene.text.values import settings
 
@@ -161,8 +161,9 @@ def _own_text(scene: Scene) -> Examined:
     examined = _examined_text(scene.text, scene.path)
     if examined.scene != scene:
         raise SceneError(
-            f"{scene.path}: the scene was changed in Python after it was loaded, so there is no text in which keys "
-            "could have other values; allowed: scenes as they were loaded"
+            "the scene was changed in Python after it was loaded, so there is no text in which keys "
+            "could have other values; allowed: scenes as they were loaded",
+            (scene.path,),
         )
     return examined
 

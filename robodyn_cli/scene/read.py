@@ -234,10 +234,10 @@ class Reader(ScalarReader):
             fault = (
                 "has no value" if isinstance(node, nodes.Scalar) and node.value is None else "is not a map"
             )
-            message = f"{fault} (value {nodes.describe_node(node)}); allowed: a map with keys {listed}"
+            fault = f"{fault} (value {nodes.describe_node(node)})"
             if isinstance(node, nodes.Sequence) and isinstance(kind, kinds.LaterSection) and kind.several:
-                message = f"is a list; a list goes under {kind.several!r}; {message.rpartition('; ')[2]}"
-            raise nodes.located(node, nodes.dotted(path), message)
+                fault = f"is a list; a list goes under {kind.several!r}"
+            raise nodes.located(node, nodes.dotted(path), f"{fault}; allowed: a map with keys {listed}")
         joint = self.joint_of(kind.cls, node)
         coordinate = coordinate_of(joint_types.get(self.names.types.get(joint, "")))
         with self.of_coordinate(coordinate, joint) if joint else contextlib.nullcontext():

@@ -22,6 +22,7 @@ from robodyn_cli.scene.text.nodes import (
     dotted,
     doubts_of_angle,
     located,
+    place_of,
 )
 from robodyn_cli.schema.fields import (
     Boolean,
@@ -251,8 +252,7 @@ class ScalarReader:
             raise located(node, dotted(path), error.message) from None
         if tree.unit_words and tree.constant is None:
             self.check_quantities(kind, tree, node, path, unit)
-        where = str(located(node, dotted(path), "").message).removesuffix(": ")
-        return dataclasses.replace(tree, where=where)
+        return dataclasses.replace(tree, where=place_of(node, dotted(path)))
 
     def check_quantities(self, kind: Kind, tree: fm.FormulaTree, node: Scalar, path: Path, unit: str) -> None:
         """Refuse a formula whose units do not go with one another, with what is known of its names, or with its key."""

@@ -34,7 +34,7 @@ class PathTask:
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
-    parameters : of the scene. where : prefix of messages about the scene. chosen : whether the start is on the branch
+    parameters : of the scene. where : the scene's file, for messages. chosen : whether the start is on the branch
     that ``ik.branch`` names. drift : of a redundant chain (see ``PointSolver``), None for the least rates.
     prescribed : formulas of joints whose motion is given beside the path, by column of q.
     """
@@ -125,8 +125,9 @@ class PathTask:
         missing = [name for name in names if name not in self.start]
         if missing:
             raise SceneError(
-                f"{self.where}the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which "
+                f"the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which "
                 f"lacks joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess",
+                (self.where,),
                 key="initial.q",
             )
         return np.array([self.start[name] for name in names])
@@ -189,7 +190,8 @@ def follow_point(task: PathTask, times: Array, compile: Compile) -> FollowedPath
     point, ik = task.trajectory.point, task.ik
     if task.frame.body == BASE:
         raise SceneError(
-            f"{task.where}point {point!r} is fixed to the base and cannot follow a trajectory",
+            f"point {point!r} is fixed to the base and cannot follow a trajectory",
+            (task.where,),
             key="trajectory.point",
         )
     arm = task.arm
@@ -206,18 +208,20 @@ def follow_point(task: PathTask, times: Array, compile: Compile) -> FollowedPath
             ).q[0]
         if start is None:
             raise SceneError(
-                f"{task.where}the inverse kinematics of {point!r} needs joint positions to start from: give "
+                f"the inverse kinematics of {point!r} needs joint positions to start from: give "
                 "trajectory.ik.guess (or initial.q)",
+                (task.where,),
                 key="trajectory.ik",
             )
         return _by_newton(task, times, start, compile)
     except Unreachable as failure:
-        _report_unreachable(failure, task.where + f"point {point!r}")
+        _report_unreachable(failure, f"point {point!r}", task.where)
     except Singular as failure:
         raise SingularConfigurationError(
-            f"{task.where}point {point!r} meets a singular configuration at t = {failure.time:.6g} s "
+            f"point {point!r} meets a singular configuration at t = {failure.time:.6g} s "
             f"(measure {failure.measure:.1e}), where the joint rates that keep it on its path do not exist "
             f"or are not unique{_moves_most(task.model, failure)}; change the path or the branch",
+            (task.where,),
             time=failure.time,
             measure=failure.measure,
         ) from None
@@ -244,7 +248,8 @@ def _by_newton(task: PathTask, times: Array, start: Array, compile: Compile) -> 
     if not solver.leads:
         point = task.trajectory.point
         raise SceneError(
-            f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory",
+            f"no joint moves point {point!r}, so it cannot follow a trajectory",
+            (task.where,),
             key="trajectory.point",
         )
     follower = PathFollower(solver, task.asked, times)
@@ -270,20 +275,23 @@ def _check_options(task: PathTask) -> None:
     ik, arm, point, where = task.ik, task.arm, task.trajectory.point, task.where
     if arm is None and ik.method == "analytic":
         raise CapabilityError(
-            f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with "
+            f"trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with "
             f"parallel axes that carry point {point!r}); allowed here: auto, newton",
+            (where,),
             key="trajectory.ik.method",
         )
     if arm is None and ik.branch is not None and not task.chosen:
         raise SceneError(
-            f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for arms whose branches have names (planar "
+            f"trajectory.ik.branch ({ik.branch}) has a meaning only for arms whose branches have names (planar "
             "arms, SCARA robots, spherical wrists, three parallel axes) and for targets that determine all joints; "
             "use trajectory.ik.guess instead",
+            (where,),
             key="trajectory.ik.branch",
         )
     if arm is not None and ik.branch is not None and ik.branch not in BRANCHES:
         raise SceneError(
-            f"{where}trajectory.ik.branch ({ik.branch}): a planar 2R arm has {', '.join(BRANCHES)}",
+            f"trajectory.ik.branch ({ik.branch}): a planar 2R arm has {', '.join(BRANCHES)}",
+            (where,),
             key="trajectory.ik.branch",
         )
 
@@ -294,15 +302,17 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
         return BRANCHES[ik.branch]
     if start is None:
         raise SceneError(
-            f"{where}point {point!r} can be reached in two ways: choose trajectory.ik.branch (elbow_up, "
+            f"point {point!r} can be reached in two ways: choose trajectory.ik.branch (elbow_up, "
             "which is theta2 < 0, or elbow_down), or give trajectory.ik.guess",
+            (where,),
             key="trajectory.ik",
         )
     bend = arm.bend(start)
     if abs(np.sin(bend)) < 1e-9:
         raise SceneError(
-            f"{where}trajectory.ik.guess (or initial.q) has the arm stretched out or folded, so it chooses "
+            f"trajectory.ik.guess (or initial.q) has the arm stretched out or folded, so it chooses "
             f"no branch for {point!r}; bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)",
+            (where,),
             key="trajectory.ik",
         )
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
@@ -311,7 +321,7 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
 GRAZING = 1e-3  # part of the largest distance: less is that of a target just beyond reach
 
 
-def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
+def _report_unreachable(failure: Unreachable, point: str, where: str) -> NoReturn:
     """Raise the error that says from when on, and how far, a target is out of reach."""
     nearest = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
     message = f"{point} cannot reach its target at t = {failure.time:.6g} s"
@@ -325,6 +335,7 @@ def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
         )
     raise GeometryError(
         message,
+        (where,),
         time=failure.time,
         distance=failure.distance,
         worst_time=failure.worst_time,

@@ -304,9 +304,10 @@ def _duration(scene: Scene) -> float:
     if scene.trajectory is not None or scene.prescribed:
         return motion_duration(scene)
     raise SceneError(
-        f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion, of as many joints as the "
+        f"key 'trajectory' is missing: inverse dynamics needs a motion, of as many joints as the "
         f"mechanism has degrees of freedom, or of a point or frame (kinds: {', '.join(trajectory_types)}); "
         "or prescribe joints",
+        (scene.path,),
         key="trajectory",
     )
 
@@ -330,7 +331,8 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
     joints = tuple(dict.fromkeys(led if led else scene.torques))
     if not joints:
         raise SceneError(
-            f"{scene.path}: a point is led, so the scene must say which joints drive the mechanism: key 'actuated'",
+            "a point is led, so the scene must say which joints drive the mechanism: key 'actuated'",
+            (scene.path,),
             key="actuated",
         )
     return joints

@@ -30,7 +30,7 @@ def refuse_events(scene: Scene) -> None:
             if instant.when is not None:
                 where = f"payloads.{k}.{name}.when"
                 raise SceneError(
-                    f"{scene.path}: {where}: the motion is given in 'inverse'; allowed there: 'time'",
+                    "the motion is given in 'inverse'; allowed there: 'time'", (scene.path, where),
                     file=scene.path, key=where,
                 )  # fmt: skip
 

@@ -224,7 +224,7 @@ def closed_loops(scene: Scene, watch: Stopwatch) -> Closed:
         from robodyn_cli.scene.mjcf.compiled import HELD
 
         held = "".join(f"; {note}" for note in scene.notes if HELD in note)
-        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none{held}", key="loops")
+        raise CapabilityError(f"assemble closes loops; this scene has none{held}", (scene.path,), key="loops")
     with watch.stage("equations"):
         problem = Problem(at_rest(scene))
     with watch.stage("assemble"):

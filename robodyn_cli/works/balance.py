@@ -133,31 +133,34 @@ def refuse_flywheel(problem: Problem, motion: JointMotion) -> None:
     """
     wheel, model = problem.scene.inverse.flywheel, problem.model
     assert wheel is not None
-    joint, where = wheel.joint, f"{problem.scene.path}: {KEY}: joint {wheel.joint!r}"
+    joint, where, what = wheel.joint, (problem.scene.path, KEY), f"joint {wheel.joint!r}"
     k = model.v_names.index(joint)
     if model.v_units[k] != "rad":
-        raise CapabilityError(f"{where} slides; allowed: one that turns", key=KEY)
+        raise CapabilityError(f"{what} slides; allowed: one that turns", where, key=KEY)
     actuated = problem.scene.actuated
     if (model.closures or actuated is not None) and joint not in (actuated or problem.scene.torques or ()):
-        raise CapabilityError(f"{where} bears no torque; allowed: one in 'actuated'", key=KEY)
+        raise CapabilityError(f"{what} bears no torque; allowed: one in 'actuated'", where, key=KEY)
     rate, q = motion.qd[:, k], motion.q[:, model.q_names.index(joint)]
     mean = float(rate.mean())
     if mean == 0.0 or float(np.ptp(rate)) > CONSTANT * abs(mean):
         raise CapabilityError(
-            f"{where} turns at {rate.min():.6g} to {rate.max():.6g} rad/s; a flywheel follows from a motion in "
+            f"{what} turns at {rate.min():.6g} to {rate.max():.6g} rad/s; a flywheel follows from a motion in "
             "which it turns at a constant rate",
+            where,
             key=KEY,
         )
     turns = abs(float(q[-1] - q[0])) / (2.0 * math.pi)
     if round(turns) < 1 or abs(turns - round(turns)) > WHOLE:
         raise CapabilityError(
-            f"{where} makes {turns:.9g} turns; a flywheel follows from a cycle, of one or several whole turns",
+            f"{what} makes {turns:.9g} turns; a flywheel follows from a cycle, of one or several whole turns",
+            where,
             key=KEY,
         )
     gap = np.abs(motion.qd[-1] - motion.qd[0]).max() / max(float(np.abs(motion.qd).max()), 1e-300)
     if gap > 1e2 * WHOLE:
         raise CapabilityError(
-            f"{where}: the motion is no cycle, since its rates at the end are not those of the beginning",
+            f"{what}: the motion is no cycle, since its rates at the end are not those of the beginning",
+            where,
             key=KEY,
         )
 

@@ -109,8 +109,9 @@ class Designed:
         moved = PairMotion.of(self.links[pair[0]], self.links[pair[1]], self.normal, self.scales)
         if not moved.is_flat:
             raise CapabilityError(
-                f"{self.scene.path}: {KEY}.poles.{name}: links {pair[0]!r} and {pair[1]!r} do not move in one plane "
+                f"links {pair[0]!r} and {pair[1]!r} do not move in one plane "
                 "against each other, so they have no pole",
+                (self.scene.path, f"{KEY}.poles.{name}"),
                 key=f"{KEY}.poles.{name}",
             )
         pole, off = moved.pole()
@@ -167,8 +168,8 @@ class Designed:
             np.abs(moved.w).max(initial=1e-300)
         ):
             raise CapabilityError(
-                f"{self.scene.path}: {KEY}.ratios.{name}: link {link!r} does not turn about one axis; "
-                "allowed: links of a motion in a plane, joints",
+                f"link {link!r} does not turn about one axis; allowed: links of a motion in a plane, joints",
+                (self.scene.path, f"{KEY}.ratios.{name}"),
                 key=f"{KEY}.ratios.{name}",
             )
         return w, moved.wd @ self.normal
@@ -196,10 +197,11 @@ class Designed:
         v, a = (self.arrays[f"point_{kind}/{point}"] for kind in ("velocities", "accelerations"))
         most = float(np.abs(v).max())
         if most == 0.0:
-            raise CapabilityError(f"{self.scene.path}: {key}: point {point!r} does not move", key=key)
+            raise CapabilityError(f"point {point!r} does not move", (self.scene.path, key), key=key)
         if np.abs(v @ self.normal).max() > 1e-8 * most:
             raise CapabilityError(
-                f"{self.scene.path}: {key}: point {point!r} does not move in a plane across the axes of the joints",
+                f"point {point!r} does not move in a plane across the axes of the joints",
+                (self.scene.path, key),
                 key=key,
             )
         return v, a

@@ -98,8 +98,9 @@ def chains_of(problem: Problem, poses: Mapping[str, Array]) -> dict[str, ClosedC
             found[pair.closure] = chain
     if not found:
         raise CapabilityError(
-            f"{problem.scene.path}: {KEY}: no closed chain has four links in a plane with four pins, or with three "
+            f"no closed chain has four links in a plane with four pins, or with three "
             f"pins and a slide; the closures are {', '.join(repr(x.name) for x in problem.model.loops)}",
+            (problem.scene.path, KEY),
             key=KEY,
         )
     return found

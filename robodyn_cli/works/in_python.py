@@ -24,12 +24,12 @@ def controlled_by(scene: Scene, function: Any, period: float | None) -> Scene:
         fault = f"the controller is no function (value {function!r})"
         if function is None:
             fault = "'period' goes with a controller"
-        raise SceneError(f"{scene.path}: {fault}; allowed: simulate(scene, controller=f, period=0.001)")
+        raise SceneError(f"{fault}; allowed: simulate(scene, controller=f, period=0.001)", (scene.path,))
     given = scene.control
     if given is not None and given.type != "python":
         raise SceneError(
-            f"{scene.path}: control.type: the scene has a controller of type {given.type!r}; allowed beside a "
-            "function: none, or 'python'",
+            f"the scene has a controller of type {given.type!r}; allowed beside a "
+            "function: none, or 'python'", (scene.path, "control.type"),
             file=scene.path, key="control.type",
         )  # fmt: skip
     settings = [] if period is None else [f"control.period={float(period)!r}"]

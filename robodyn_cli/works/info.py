@@ -13,7 +13,6 @@ import numpy as np
 from robodyn_cli.algorithms.composite import coriolis, crba
 from robodyn_cli.algorithms.kinematics import world_jacobian, world_pose
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Values
 from robodyn_cli.joints.registry import joint_types
@@ -65,10 +64,7 @@ def scene_at(path: Path, overrides: Sequence[str], at: Sequence[str]) -> Scene:
     changes = changes_at(scene, overrides, at)
     if not changes:
         return scene
-    try:
-        return load_scene(path, changes)
-    except SceneError as error:
-        raise of_state(error, at) from None
+    return load_scene(path, changes)
 
 
 def changes_at(scene: Scene, overrides: Sequence[str], at: Sequence[str]) -> list[str]:
@@ -78,14 +74,6 @@ def changes_at(scene: Scene, overrides: Sequence[str], at: Sequence[str]) -> lis
         given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
         changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
     return changes
-
-
-def of_state(error: SceneError, at: Sequence[str]) -> SceneError:
-    """Return an error about a state as one about ``--at``, for the user did not write it as --set."""
-    label, mark, message = error.message.partition(": initial.")
-    if at and mark and label.startswith("--set initial."):
-        return SceneError(f"--at {', '.join(at)!r}: {message}", **error.details)
-    return error
 
 
 def _neutral(scene: Scene, given: set[str]) -> Iterable[str]:

@@ -126,7 +126,8 @@ def _add_table(result: Result, program: InverseProgram, watch: Stopwatch) -> Non
     count = int(program.duration / period * (1.0 + ROUNDED)) + 1
     if count > MOST_ROWS:
         raise CapabilityError(
-            f"inverse.period: {count} samples of {period:g} s; allowed: no more than {MOST_ROWS}, so a longer period",
+            f"{count} samples of {period:g} s; allowed: no more than {MOST_ROWS}, so a longer period",
+            ("inverse.period",),
             key="inverse.period",
         )
     times = np.minimum(period * np.arange(count), program.duration)

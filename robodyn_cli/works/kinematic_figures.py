@@ -94,8 +94,9 @@ def refuse_meeting(scene: Scene, ways: Mapping[str, Array], pair: Sequence[str],
     if not np.linalg.norm(b - a, axis=-1).min() > MEETING * size:
         one, other = pair
         raise CapabilityError(
-            f"{scene.path}: {key}: {one!r} and {other!r} are at one place, where no line leads from one to the other; "
+            f"{one!r} and {other!r} are at one place, where no line leads from one to the other; "
             "allowed: points that keep apart",
+            (scene.path, key),
             key=key,
         )
 

@@ -190,7 +190,8 @@ def leading(problem: Problem) -> tuple[Lead | None, Array]:
         return _swept(problem), np.linspace(0.0, duration, samples)
     if scene.trajectory is None and not scene.prescribed:
         raise SceneError(
-            f"{scene.path}: nothing moves: kinematics needs `kinematics.sweep`, `trajectory` or `prescribed`",
+            "nothing moves: kinematics needs `kinematics.sweep`, `trajectory` or `prescribed`",
+            (scene.path,),
             key="kinematics",
         )
     times = np.linspace(0.0, motion_duration(scene), samples)
@@ -209,7 +210,8 @@ def _swept(problem: Problem) -> Lead:
     missing = [name for name in held if name not in scene.initial.q]
     if missing:
         raise SceneError(
-            f"{scene.path}: initial.q: joint {missing[0]!r} stays where it is during the sweep, and has no position",
+            f"joint {missing[0]!r} stays where it is during the sweep, and has no position",
+            (scene.path, "initial.q"),
             key="initial.q",
         )
     rate = sweep.rate if sweep.stop > sweep.start else -sweep.rate
@@ -356,7 +358,8 @@ def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesA
     for number, time in enumerate(scene.kinematics.at if len(times) > 1 else ()):
         if time > times[-1] * (1.0 + AT_SAMPLE):
             raise SceneError(
-                f"{scene.path}: kinematics.at.{number}: {time:g} s is behind the end of the motion, {times[-1]:g} s",
+                f"{time:g} s is behind the end of the motion, {times[-1]:g} s",
+                (scene.path, f"kinematics.at.{number}"),
                 key=f"kinematics.at.{number}",
             )
         k, h, s = between_samples(time, times)

@@ -71,7 +71,7 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
 
 def _options(scene: Scene) -> ReachOptions:
     if scene.reach is None:
-        raise SceneError(f"{scene.path}: key 'reach' is missing: which frame is to go where", key="reach")
+        raise SceneError("key 'reach' is missing: which frame is to go where", (scene.path,), key="reach")
     return scene.reach
 
 
@@ -96,7 +96,7 @@ def reached(scene: Scene, watch: Stopwatch) -> tuple[InverseKinematics, Poses]:
     if not poses.reached[0]:
         beside = f" on branch {options.branch}" if options.branch else ""
         raise GeometryError(
-            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, poses, 0)}",
+            f"{options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, poses, 0)}", (scene.path,),
             frame=options.frame, distance=float(poses.error[0]),
         )  # fmt: skip
     return solver, poses

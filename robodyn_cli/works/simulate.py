@@ -134,8 +134,9 @@ def _take_up(run: Run, journal: Journal) -> None:
     """
     if any(watcher.changes_motion for watcher in run.driver.watchers):
         raise CapabilityError(
-            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, that picks up masses, or "
-            "that passes singular poses, does not go on after it was killed; run it without --resume"
+            "a run with joints that stick or meet rigid stops, that picks up masses, or "
+            "that passes singular poses, does not go on after it was killed; run it without --resume",
+            (run.motion.scene.path,),
         )
     for block in journal.blocks():
         for watcher in run.driver.watchers:

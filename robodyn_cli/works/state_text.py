@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from robodyn_cli.errors import SceneError, unknown_name
 from robodyn_cli.scene.checks.robot import moving
+from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.scene.types import Scene
 
 _KEY = re.compile(r"(?:^|,)\s*([A-Za-z_][\w.]*)\s*=")
@@ -38,7 +39,8 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
     if (scene.loops or scene.couplers) and held:
         # with all joints held, none could move to close the loops
         overrides.append(f"initial.hold=[{', '.join(held if len(held) < len(joints) else [])}]")
-    return overrides
+    asked = f"--at {', '.join(given)!r}"
+    return [AskedSetting(text, asked, names_key=False) for text in overrides]
 
 
 def _known(joint: str, joints: Sequence[str], text: str) -> None:

@@ -144,11 +144,6 @@ def test_length_is_limited_but_long_sums_are_not_deep() -> None:
     assert parse("+".join("t" * terms)).evaluate({"t": 2.0}) == 2.0 * terms
 
 
-def test_where_stands_in_front() -> None:
-    with pytest.raises(SceneError, match=r"^scene\.yaml:3:4: torques\.a: formula '1 \+', column 4: "):
-        parse("1 +", where="scene.yaml:3:4: torques.a")
-
-
 def test_names_are_made_canonical() -> None:
     formula = parse("1.96 - k*theta1 + q.phi - 0.2*qd.theta1 + t*p.k")
     assert formula.names == {"k", "theta1", "q.phi", "qd.theta1", "t", "p.k"}

@@ -383,7 +383,7 @@ def test_what_a_controller_leaves_to_differences(control: str, reason: str) -> N
         (
             "robot.links.bell.mass",
             "final.q.z",
-            "--to robot.links.bell.mass: robot.links: has no item named 'bell'",
+            "--to robot.links.bell.mass: has no item named 'bell'",
         ),
         ("robot.links.ball.name", "final.q.z", "<text>:7:18: robot.links.ball.name: the scene has no number"),
         ("initial.q", "final.q.z", "initial.q: the scene has no number there"),

@@ -109,12 +109,7 @@ def command(
     job = shared.job(
         "linearise", scene, strict, options={"about": times or about, "period": period, "delay": delay, **of}
     )
-    try:
-        return run_scene(job, shared.console, describe)
-    except SceneError as error:
-        from robodyn_cli.works.info import of_state
-
-        raise of_state(error, state) from None
+    return run_scene(job, shared.console, describe)
 
 
 def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> str | None:

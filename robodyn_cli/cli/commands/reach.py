@@ -10,7 +10,7 @@ import typer
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import coordinate_table, error_text, number, table
-from robodyn_cli.errors import SceneError
+from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.summaries.facts import OWN
 
 ROUNDING = 1e-12  # rad or m
@@ -46,20 +46,16 @@ def command(
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
-    settings = {
-        f"reach.frame={frame}": f"--frame {frame}",
-        f"reach.position=[{position}]": f"--position {position}",
-        f"reach.orientation.rpy=[{rpy}]": f"--rpy {rpy}",
-        f"reach.branch={branch}": f"--branch {branch}",
-    }
-    given = (frame, position, rpy, branch)
-    settings = {text: option for (text, option), x in zip(settings.items(), given) if x is not None}
-    try:
-        return run_scene(shared.job("reach", scene, strict, [*settings]), shared.console, describe)
-    except SceneError as error:
-        for text, option in settings.items():  # the option as it was typed
-            error.message = error.message.replace(f"--set {text}", option, 1)
-        raise
+    options = (
+        (frame, f"reach.frame={frame}", f"--frame {frame}"),
+        (position, f"reach.position=[{position}]", f"--position {position}"),
+        (rpy, f"reach.orientation.rpy=[{rpy}]", f"--rpy {rpy}"),
+        (branch, f"reach.branch={branch}", f"--branch {branch}"),
+    )
+    settings = [
+        AskedSetting(text, option, names_key=False) for given, text, option in options if given is not None
+    ]
+    return run_scene(shared.job("reach", scene, strict, settings), shared.console, describe)
 
 
 def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:

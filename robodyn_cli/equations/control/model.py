@@ -97,7 +97,7 @@ def model_scene(scene: Scene) -> Scene:
         try:
             scene = load_scene_text(scene.text, scene.path, settings)
         except SceneError as error:
-            raise SceneError(f"{scene.path}: {SET}: {error.message}", file=scene.path, key=SET) from error
+            raise SceneError(error.message, (scene.path, SET), file=scene.path, key=SET) from error
         scene = with_own_places(with_free(scene, own), tuple(given), SET)
     return dataclasses.replace(scene, control=None, torques={}, prescribed=prescribed, trajectory=None)
 
@@ -129,7 +129,7 @@ class ControllerModel:
         self.problem, self.t = make(scene, **_same_rows(problem)), problem.t
         if self.problem.model.v_names != problem.model.v_names:
             raise SceneError(
-                f"{scene.path}: {SET}: the model has other joints than the mechanism; allowed: other numbers",
+                "the model has other joints than the mechanism; allowed: other numbers", (scene.path, SET),
                 file=scene.path, key=SET,
             )  # fmt: skip
         self.driven = [problem.model.v_names.index(name) for name in self.controller.joints]
@@ -230,7 +230,7 @@ class ControllerModel:
     def refuse(self, why: str) -> None:
         """Raise the error of a controller that cannot be built."""
         path = self.problem.scene.path
-        raise SceneError(f"{path}: control: {why}", file=path, key="control")
+        raise SceneError(why, (path, "control"), file=path, key="control")
 
 
 def _same_rows(problem: ControlledEquations) -> dict[str, Any]:

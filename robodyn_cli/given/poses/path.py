@@ -62,15 +62,19 @@ def start_of(problem: Problem, task: PathTask) -> Mapping[str, float] | None:
     solver = solver_of(problem, task, criterion)
     if redundant and not solver.freedom:
         raise SceneError(
-            f"{task.where}trajectory.ik.redundancy ({ik.redundancy}): the path determines all joints, so nothing "
-            "is left to choose"
+            f"trajectory.ik.redundancy ({ik.redundancy}): the path determines all joints, so nothing "
+            "is left to choose",
+            (task.where,),
+            key="trajectory.ik.redundancy",
         )
     if wanted is not None and wanted not in solver.branch_names:
         if not solver.branch_names:
             return None  # the caller says which arms have named branches
         raise SceneError(
-            f"{task.where}trajectory.ik.branch ({wanted}) is no branch of this arm; allowed: "
-            f"{', '.join(solver.branch_names)}"
+            f"trajectory.ik.branch ({wanted}) is no branch of this arm; allowed: "
+            f"{', '.join(solver.branch_names)}",
+            (task.where,),
+            key="trajectory.ik.branch",
         )
     near = _near(task)
     target = task.target(np.zeros(1))
@@ -80,9 +84,10 @@ def start_of(problem: Problem, task: PathTask) -> Mapping[str, float] | None:
     poses = solver.solve(p, R, near=near[0] if task.start else None, branch=wanted)
     if not poses.reached[0]:
         raise GeometryError(
-            f"{task.where}point {task.trajectory.point!r} cannot reach its target at t = 0 s"
+            f"point {task.trajectory.point!r} cannot reach its target at t = 0 s"
             + (f" on branch {wanted}" if wanted else "")
             + f": {explain_miss(solver, poses, 0)}",
+            (task.where,),
             time=0.0,
             distance=float(poses.error[0]),
         )
@@ -122,8 +127,9 @@ def _refuse_unknown_start(task: PathTask) -> None:
             else f"joint {shared[0]!r}, which carries {task.trajectory.point!r}, is prescribed or carries the path too"
         )
         raise SceneError(
-            f"{task.where}trajectory.ik: 'branch' and 'redundancy' go with a path whose place in the world is known at "
+            f"'branch' and 'redundancy' go with a path whose place in the world is known at "
             f"the start, and {why}; use trajectory.ik.guess instead",
+            (task.where, "trajectory.ik"),
             key="trajectory.ik",
         )
 

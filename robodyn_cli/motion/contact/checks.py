@@ -55,9 +55,10 @@ def refuse_loads(scene: Scene, joints: Sequence[ContactJoint]) -> None:
     for key in (key for key, asks in keys.items() if asks):
         names = listed([joint.name for joint in joints if joint.friction is not None])
         raise CapabilityError(
-            f"{key}: friction with 'law: set_valued' in {names}, more joints than there are degrees of freedom: while "
+            f"friction with 'law: set_valued' in {names}, more joints than there are degrees of freedom: while "
             "they stick, loads in joints, loops and prescribed joints are not unique; allowed: without this key, or "
             "'transition_speed' in some of these joints",
+            (key,),
             key=key,
         )
 

@@ -183,9 +183,9 @@ class Payloads(Watcher):
         if t > 0.0 and self.functions:
             path = self.problem.scene.path
             raise SceneError(
-                f"{path}: initial.from: whether payload {self.functions[0].name!r} is carried is decided by an event "
+                f"whether payload {self.functions[0].name!r} is carried is decided by an event "
                 "('when'), which a run that goes on from a stored one does not know; allowed: 'time'",
-                file=path, key="initial.from",
+                (path, "initial.from"), file=path, key="initial.from",
             )  # fmt: skip
         return x
 
@@ -335,12 +335,14 @@ def _refuse_company(problem: Problem) -> None:
     scene, name = problem.scene, changing(problem.model)[0].name
     if problem.contact_joints:
         raise CapabilityError(
-            f"{scene.path}: payload {name!r}, which is gripped or released, does not go with joints that stick or meet "
+            f"payload {name!r}, which is gripped or released, does not go with joints that stick or meet "
             f"rigid stops (here {problem.contact_joints[0].name!r}), whose forces in an impact would not be known; "
-            "allowed: friction with 'transition_speed', and stops with 'stiffness'"
+            "allowed: friction with 'transition_speed', and stops with 'stiffness'",
+            (scene.path,),
         )
     if scene.simulate.singular == "pass":
         raise CapabilityError(
-            f"{scene.path}: payload {name!r}, which is gripped or released, does not go with 'simulate.singular: "
-            "pass'; allowed: stop"
+            f"payload {name!r}, which is gripped or released, does not go with 'simulate.singular: "
+            "pass'; allowed: stop",
+            (scene.path,),
         )

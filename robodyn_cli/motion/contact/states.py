@@ -60,8 +60,8 @@ class ContactStates(JointStates):
                 depth = push * (at - x[place])
                 if depth > AT_STOP * max(1.0, abs(at)):
                     raise SceneError(
-                        f"{self.problem.scene.path}: initial.q: joint {joint.name!r} starts at {x[place]:.9g}, beyond "
-                        f"its stop at {at:.9g}",
+                        f"joint {joint.name!r} starts at {x[place]:.9g}, beyond "
+                        f"its stop at {at:.9g}", (self.problem.scene.path, "initial.q"),
                         file=self.problem.scene.path, key="initial.q",
                     )  # fmt: skip
                 if abs(depth) <= AT_STOP * max(1.0, abs(at)) and push * x[self._v(joint)] <= 0.0:

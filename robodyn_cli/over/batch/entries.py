@@ -83,8 +83,8 @@ def load(entries: Sequence[BatchEntry], out: Path, overrides: Sequence[str] = ()
             entry.scene = load_scene(entry.path, overrides)
             if entry.scene.command is None:
                 raise SceneError(
-                    f"{entry.path}: key 'command' is missing: it says what to run; allowed: "
-                    f"{', '.join(SCENE_COMMANDS)}"
+                    f"key 'command' is missing: it says what to run; allowed: {', '.join(SCENE_COMMANDS)}",
+                    (str(entry.path),),
                 )
             entry.directory = out / entry.name / entry.scene.command
         except RobodynError as error:

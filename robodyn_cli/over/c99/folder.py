@@ -136,7 +136,7 @@ def export_c(
     starts = [one for one in asked if is_start(family, one)] if loop else []
     made = parametrised(family, [one for one in asked if one not in starts], loop)
     if not made.own.functions:
-        raise CapabilityError(f"{family.path}: it has no functions: " + "; ".join(made.own.left_out.values()))
+        raise CapabilityError("it has no functions: " + "; ".join(made.own.left_out.values()), (family.path,))
     states = compared_states(made.own)
     library = Library(made, states, library_name(family.path))
     changed = None

@@ -122,8 +122,9 @@ def refuse(scene: Scene) -> None:
     refuse_changes(scene, "export --c")
     if scene.control is not None and scene.control.type == "python":
         raise CapabilityError(
-            f"{scene.path}: control: a function in Python has no C; allowed: a controller of another type, such as "
+            "a function in Python has no C; allowed: a controller of another type, such as "
             "'formulas', or --set control=null",
+            (scene.path, "control"),
             key="control",
         )
 
@@ -137,8 +138,9 @@ def _refuse_contacts(problem: Problem) -> None:
         )
         kind = "friction that sticks" if joint.friction is not None else "a rigid stop"
         raise CapabilityError(
-            f"{problem.scene.path}: robot.joints.{joint.name}.{part}: {kind} holds and releases joint {joint.name!r} "
+            f"{kind} holds and releases joint {joint.name!r} "
             f"by events, which no function of a state has; allowed: {other}, or none",
+            (problem.scene.path, f"robot.joints.{joint.name}.{part}"),
             key=f"robot.joints.{joint.name}.{part}",
         )
 

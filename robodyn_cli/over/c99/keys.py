@@ -21,7 +21,6 @@ from robodyn_cli.over.many.keys import (
     OPTION,
     START,
     Key,
-    asked_by,
     setting,
     settings,
     understand,
@@ -202,13 +201,11 @@ def key_bounds(family: Family, asked: Sequence[AskedKey]) -> dict[str, tuple[flo
 
 def is_start(family: Family, one: AskedKey) -> bool:
     """Tell whether a key is where motions start."""
-    with asked_by("--key", one.name):
-        return understand(family, one.name).sort == START
+    return understand(family, one.name, f"--key {one.name}").sort == START
 
 
 def _number(family: Family, one: AskedKey) -> Key:
-    with asked_by("--key", one.name):
-        key = understand(family, one.name)
+    key = understand(family, one.name, f"--key {one.name}")
     if key.sort in (START, OPTION):
         raise CapabilityError(
             f"--key {one.name}: it is {'the start' if key.sort == START else 'an option'} of a simulation; functions "

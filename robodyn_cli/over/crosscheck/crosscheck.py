@@ -86,8 +86,9 @@ def compared_command(scene: Scene) -> str:
     command = "simulate" if locks(scene.command) else command_of(scene)
     if command not in COMPARED:
         raise CapabilityError(
-            f"{scene.path}: crosscheck compares {' and '.join(COMPARED)}, and the scene's command is {command!r}; name "
+            f"crosscheck compares {' and '.join(COMPARED)}, and the scene's command is {command!r}; name "
             "one of them with --command",
+            (scene.path,),
             key="command",
         )
     return command

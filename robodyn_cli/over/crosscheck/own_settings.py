@@ -112,8 +112,9 @@ def _steps(scene: Scene, step: float) -> int:
     count = int(duration / step * (1.0 + 8.0 * EPS))
     if not 1 <= count <= MOST_STEPS:
         raise CapabilityError(
-            f"{scene.path}: simulate.duration {duration:g} s is {duration / step:.6g} steps of {step:g} s; "
+            f"simulate.duration {duration:g} s is {duration / step:.6g} steps of {step:g} s; "
             f"allowed: 1 to {MOST_STEPS} (--step)",
+            (scene.path,),
             key="simulate.duration",
         )
     return count

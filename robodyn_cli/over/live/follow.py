@@ -10,6 +10,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.over.live.closing import LIMITS
 from robodyn_cli.over.live.figures import Rule, rule_of
+from robodyn_cli.over.live.keys import cannot
 from robodyn_cli.over.live.rules import Tape
 from robodyn_cli.over.many.guides import ATTITUDE, Guided, ManyMotions
 from robodyn_cli.solve import closure
@@ -41,7 +42,7 @@ class LoopMotion:
         self.conditions = guided.conditions
         lead = self.conditions.lead
         if lead.led is not None and lead.led.oriented:
-            raise CapabilityError(f"this scene cannot {where}: a frame's attitude is led")
+            raise CapabilityError("a frame's attitude is led", cannot(where))
         model = self.problem.model
         self.free = [k for k, name in enumerate(model.q_names) if name not in lead.positions]
 

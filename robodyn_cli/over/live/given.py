@@ -27,7 +27,7 @@ from robodyn_cli.over.live.figures import (
 from robodyn_cli.over.live.follow import LoopMotion
 from robodyn_cli.over.live.inertia import has_doubtful_inertia
 from robodyn_cli.over.live.judging import REASONS
-from robodyn_cli.over.live.keys import LiveMotion, columns
+from robodyn_cli.over.live.keys import LiveMotion, cannot, columns
 from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rounding import FACTORS, GIVEN, staged
 from robodyn_cli.over.live.rules import Tape, plain
@@ -64,7 +64,7 @@ class LiveInverse(LiveMotion):
         super().__init__(family, ranges, given_commands())
         scene = family.own
         if why := first_of({VERDICT: bool(scene.drives) or scene.motorisation is not None}):
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+            raise CapabilityError(why, cannot(self.where))
         self.structure = self._built(self.mechanism, InverseStructure)
         self.program = self.structure.program
         self.problem = self.program.problem
@@ -91,8 +91,9 @@ class LiveInverse(LiveMotion):
             count, size = len(planned.times), sum(self.sizes.values())
             if count * size > MOST_NUMBERS:
                 raise CapabilityError(
-                    f"this scene cannot {self.where}: its torques take {count} samples of {size} numbers; allowed: "
-                    f"{MOST_NUMBERS} numbers in all"
+                    f"its torques take {count} samples of {size} numbers; allowed: "
+                    f"{MOST_NUMBERS} numbers in all",
+                    cannot(self.where),
                 )
             sampled = evaluated(self.program, planned)
             tau, qd = sampled.tau[:, self.driven], planned.motion.qd[:, self.driven]
@@ -113,8 +114,9 @@ class LiveInverse(LiveMotion):
             return None
         if loops.shared.commanded < loops.shared.freedom:
             raise CapabilityError(
-                f"this scene cannot {self.where}: its actuators command {loops.shared.commanded} of "
-                f"{loops.shared.freedom} degrees of freedom, so that they bear some loads alone"
+                f"its actuators command {loops.shared.commanded} of "
+                f"{loops.shared.freedom} degrees of freedom, so that they bear some loads alone",
+                cannot(self.where),
             )
         return Hold.of(loops.psi, self.driven, loops.shared.tolerance)
 
@@ -140,7 +142,7 @@ class LiveInverse(LiveMotion):
         motion = guided.follow(self.row[None])
         reasons["its own motion is left to the command"] = not motion.good[0]
         if why := first_of(reasons):
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+            raise CapabilityError(why, cannot(self.where))
         return LoopMotion(guided, motion, self.where)
 
     # -- code -----------------------------------------------------------------------------------------

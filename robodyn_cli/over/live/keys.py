@@ -27,7 +27,6 @@ from robodyn_cli.over.many.keys import (
     START,
     STRUCTURE,
     Key,
-    asked_by,
     key_unit,
     settings,
     understand,
@@ -46,6 +45,11 @@ LIBRARY = frozenset(
     {"exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2", "sin", "cos"}
 )
 AnyBuilt = TypeVar("AnyBuilt", bound=Built)
+
+
+def cannot(where: str) -> tuple[str]:
+    """Return what a refusal is about: what a scene cannot do."""
+    return (f"this scene cannot {where}",)
 
 
 @record
@@ -97,8 +101,7 @@ class LiveScene:
         SceneError : the scene has no such key. CapabilityError : it cannot vary here.
         """
         option = self._option(name)
-        with asked_by(option, name):
-            key = understand(self.family, name)
+        key = understand(self.family, name, f"{option} {name}")
         if key.sort in SORTS:
             raise CapabilityError(
                 f"{option} {name}: it {SORTS[key.sort]}; allowed: numbers of the equations, and starts"
@@ -152,9 +155,9 @@ class LiveScene:
             why = "its equations cannot be built for many runs"
             if self.family.own.control is not None:
                 why = "its controller follows from the keys by computations in Python"
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+            raise CapabilityError(why, cannot(self.where))
         if own.obstacle:
-            raise CapabilityError(f"this scene cannot {self.where}: {own.obstacle}")
+            raise CapabilityError(own.obstacle, cannot(self.where))
         others = sorted(set(range(len(rows))) - set(served.tolist()))
         left = [k for k in others if not self._serves(own, mechanism, rows[k])]
         if left:
@@ -219,9 +222,7 @@ class LiveScene:
         """
         made = write_wasm(texts, exports)
         if others := sorted(set(made.imports) - LIBRARY - set(given)):
-            raise CapabilityError(
-                f"this scene cannot {self.where}: browsers have no function {', '.join(others)}"
-            )
+            raise CapabilityError(f"browsers have no function {', '.join(others)}", cannot(self.where))
         return made
 
 

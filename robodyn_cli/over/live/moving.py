@@ -15,7 +15,7 @@ from robodyn_cli.over.live.figures import Rule, rule_of, with_doubts
 from robodyn_cli.over.live.follow import LoopMotion
 from robodyn_cli.over.live.given import MOST_NUMBERS
 from robodyn_cli.over.live.judging import REASONS
-from robodyn_cli.over.live.keys import LiveMotion, columns
+from robodyn_cli.over.live.keys import LiveMotion, cannot, columns
 from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rules import Tape, plain
 from robodyn_cli.over.many.command import VERDICT
@@ -53,19 +53,20 @@ class LiveKinematics(LiveMotion):
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         super().__init__(family, ranges, kinematic_commands())
         if why := first_of({VERDICT: family.own.motorisation is not None}):
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+            raise CapabilityError(why, cannot(self.where))
         self.structure = self._built(self.mechanism, KinematicsStructure)
         self.problem, self.times = self.structure.problem, self.structure.times
         model, count = self.problem.model, len(self.times)
         self.sizes = {"t": 1, "q": model.nq, "v": model.nv, "a": model.nv}
         if count * sum(self.sizes.values()) > MOST_NUMBERS:
             raise CapabilityError(
-                f"this scene cannot {self.where}: its motion has {count} samples of {sum(self.sizes.values())} "
-                f"numbers; allowed: {MOST_NUMBERS} numbers in all, so fewer `kinematics.samples`"
+                f"its motion has {count} samples of {sum(self.sizes.values())} "
+                f"numbers; allowed: {MOST_NUMBERS} numbers in all, so fewer `kinematics.samples`",
+                cannot(self.where),
             )
         motion = self.structure.motions(self.row[None])
         if not motion.good[0]:
-            raise CapabilityError(f"this scene cannot {self.where}: its own motion is left to the command")
+            raise CapabilityError("its own motion is left to the command", cannot(self.where))
         self.motion = motion
         guided = self.structure.guided
         self.followed = (

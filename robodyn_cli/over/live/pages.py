@@ -13,9 +13,10 @@ from robodyn_cli.kernels.wasm import WasmModule
 from robodyn_cli.over.live.given import LiveInverse, given_commands
 from robodyn_cli.over.live.moving import LiveKinematics, kinematic_commands
 from robodyn_cli.over.live.structure import LiveStructure, motion_commands
-from robodyn_cli.over.many.keys import NO_VALUE, asked_by, value_of
+from robodyn_cli.over.many.keys import NO_VALUE, value_of
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family, load_scene_text
+from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.scene.units import refuse_doubles
 
 Asked = tuple[str, str, str]  # a key, and the lowest and highest value of it as they are written
@@ -54,8 +55,7 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
             family = Family.of(load_scene_text(result.scene_text))
             for key, low, high in asked:
                 try:
-                    with asked_by("--live", key):
-                        written = _written(family, key, low), _written(family, key, high)
+                    written = _written(family, key, low), _written(family, key, high)
                 except SceneError as error:
                     refused.setdefault(key, error)
                     continue
@@ -76,7 +76,8 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
 
 def _written(family: Family, key: str, text: str) -> float:
     """Return the value [SI] that a key has with what is written."""
-    value = value_of(family.with_values([f"{key}={text}"]), key)
+    asked = f"--live {key}"
+    value = value_of(family.with_values([AskedSetting(f"{key}={text}", asked)]), key, asked)
     if value is None:
         raise CapabilityError(f"--live {key}: {text!r} is no number")
     return value

@@ -30,7 +30,7 @@ from robodyn_cli.over.live.code import (
 )
 from robodyn_cli.over.live.inertia import inertia_equations
 from robodyn_cli.over.live.judging import Judging
-from robodyn_cli.over.live.keys import LiveScene, columns, entries_of
+from robodyn_cli.over.live.keys import LiveScene, cannot, columns, entries_of
 from robodyn_cli.over.live.picture import picture_of
 from robodyn_cli.over.live.rules import plain
 from robodyn_cli.over.many.command import VERDICT
@@ -65,7 +65,7 @@ class LiveStructure(LiveScene):
         self.motion = self.structure.motion
         self.method = self.motion.choice.method
         if why := self.obstacle:
-            raise CapabilityError(f"this scene cannot {self.where}: {why}")
+            raise CapabilityError(why, cannot(self.where))
         self.fleet = self.structure.fleet(self.method)
         self.system = self.fleet.system
         self.engine = self.fleet.engine
@@ -103,12 +103,10 @@ class LiveStructure(LiveScene):
         closing = closing_of(self.motion, self.batch.numbers, starts)
         if closing is not None and self.motion.problem.constraints.rheonomic:
             raise CapabilityError(
-                f"this scene cannot {self.where}: a motion is prescribed, and keys have a part in it or in the loops"
+                "a motion is prescribed, and keys have a part in it or in the loops", cannot(self.where)
             )
         if closing is not None and len(closing.missing) == closing.nv:
-            raise CapabilityError(
-                f"this scene cannot {self.where}: no coordinate is given where its loops are closed"
-            )
+            raise CapabilityError("no coordinate is given where its loops are closed", cannot(self.where))
         return closing
 
     # -- equations ------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from robodyn_cli.expr.fixed import places
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
 from robodyn_cli.over.live.code import BEHIND
-from robodyn_cli.over.live.keys import SORTS, ends_of, entries_of
+from robodyn_cli.over.live.keys import SORTS, cannot, ends_of, entries_of
 from robodyn_cli.over.live.structure import LiveStructure
 from robodyn_cli.over.many.keys import NUMBER, understand
 from robodyn_cli.scene.load import Family
@@ -137,7 +137,7 @@ def with_able_keys(
             if not found:
                 tried({})
             if len(names) == 1:
-                left[names[0]] = error.message.removeprefix(f"this scene cannot {found[0].where}: ")
+                left[names[0]] = error.beyond(*cannot(found[0].where))
             else:
                 add(names[: len(names) // 2])
                 add(names[len(names) // 2 :])

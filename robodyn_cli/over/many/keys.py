@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -19,6 +17,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.units import in_joint, named_place, unit_of, written_number
 from robodyn_cli.spatial.algebra import Array
@@ -58,34 +57,23 @@ class Key:
         return named.rpartition(".")[0]
 
 
-def setting(key: str, value: float) -> str:
-    """Return the option of ``--set`` that gives a key a value; it reads back as the same number."""
-    whole = value.is_integer() and abs(value) < 2**53
-    return f"{key}={int(value)}" if whole else f"{key}={value!r}"
+def setting(key: str, value: float, asked: str = "") -> str:
+    """Return the option of ``--set`` that gives a key a value; it reads back as the same number.
 
-
-def settings(keys: Sequence[str], values: Iterable[float]) -> list[str]:
-    """Return the options of ``--set`` that give keys their values."""
-    return [setting(key, float(x)) for key, x in zip(keys, values)]
-
-
-@contextlib.contextmanager
-def asked_by(option: str, key: str) -> Iterator[None]:
-    """Say of a key that the scene does not take which option asks for it, not the value with which it was tried.
-
-    Raises
-    ------
-    SceneError : that of the body.
+    asked : what errors about it name, where another option asks for the key.
     """
-    try:
-        yield
-    except SceneError as error:
-        message = re.sub(r"^--set .*?: (\S+: )?", lambda _: f"{option} {key}: ", error.message)
-        raise SceneError(message, **error.details) from error
+    whole = value.is_integer() and abs(value) < 2**53
+    text = f"{key}={int(value)}" if whole else f"{key}={value!r}"
+    return AskedSetting(text, asked) if asked else text
 
 
-def understand(family: Family, name: str) -> Key:
-    """Return what a key is, from what changes in the scene with it.
+def settings(keys: Sequence[str], values: Iterable[float], asked: str = "") -> list[str]:
+    """Return the options of ``--set`` that give keys their values, as of ``setting``."""
+    return [setting(key, float(x), asked) for key, x in zip(keys, values)]
+
+
+def understand(family: Family, name: str, asked: str = "") -> Key:
+    """Return what a key is, from what changes in the scene with it; asked : as of ``setting``.
 
     Raises
     ------
@@ -95,7 +83,7 @@ def understand(family: Family, name: str) -> Key:
     refused: SceneError | None = None
     for value in TRIED:
         try:
-            scenes.append((value, family.scene([setting(name, value)])))
+            scenes.append((value, family.scene([setting(name, value, asked)])))
         except SceneError as error:
             refused = refused or error
         if len(scenes) == 2:
@@ -112,10 +100,10 @@ def _structure(family: Family, name: str) -> Key:
     return Key(name, STRUCTURE, named_place(family.root, name))
 
 
-def value_of(family: Family, name: str) -> float | None:
+def value_of(family: Family, name: str, asked: str = "") -> float | None:
     """Return the number that a key has in the scene as it stands, in SI units; None where it has none.
 
-    Of ``KEY#n`` it is the number as it is written.
+    Of ``KEY#n`` it is the number as it is written. asked : as of ``setting``.
 
     Raises
     ------
@@ -126,7 +114,7 @@ def value_of(family: Family, name: str) -> float | None:
     refused: SceneError | None = None
     for value in TRIED:
         try:
-            other = family.scene([setting(name, value)])
+            other = family.scene([setting(name, value, asked)])
         except SceneError as error:
             refused = refused or error
             continue
@@ -216,11 +204,12 @@ class Allowed:
 
     What a scene asks of numbers (bounds, an order, a sum) holds between two values where it holds at both, and links
     keys of one element alone. So scenes are read with the extremes of each element, and all where one is refused. Each
-    value is read of keys that are structure: whole numbers, say, are none between two of them.
+    value is read of keys that are structure: whole numbers, say, are none between two of them. asked : as of
+    ``setting``.
     """
 
-    def __init__(self, family: Family, keys: Sequence[Key]) -> None:
-        self.family, self.keys = family, keys
+    def __init__(self, family: Family, keys: Sequence[Key], asked: str = "") -> None:
+        self.family, self.keys, self.asked = family, keys, asked
         self.names = [key.name for key in keys]
         self._low, self._high = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)  # known to be allowed
         self._each: set[tuple[int, float]] = set()  # the same of keys that are structure
@@ -276,7 +265,7 @@ class Allowed:
 
     def _refusal(self, row: Array) -> SceneError | None:
         try:
-            self.family.scene(settings(self.names, row))
+            self.family.scene(settings(self.names, row, self.asked))
         except SceneError as error:
             return error
         return None

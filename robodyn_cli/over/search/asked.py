@@ -15,9 +15,9 @@ from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.model.build import build_model
-from robodyn_cli.over.many.keys import Allowed, Key, key_unit, setting, understand, value_of
+from robodyn_cli.over.many.keys import Allowed, Key, key_unit, understand, value_of
 from robodyn_cli.over.study.rows import Task
-from robodyn_cli.over.study.study import check_key, repeated, units_of_keys
+from robodyn_cli.over.study.study import check_key, repeated, units_of_keys, varied
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
 from robodyn_cli.scene.checks.keys import key_names, unit_fault
@@ -167,7 +167,8 @@ def prepare(family: Family, options: SearchOptions) -> Search:
     if scene.command not in STUDIED:
         message = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {message}: it says what each run does; allowed: {', '.join(STUDIED)}"
+            f"key 'command' {message}: it says what each run does; allowed: {', '.join(STUDIED)}",
+            (family.path,),
         )
     for path, message in search_problems(options):
         option = "".join(f"--{path[0]} {path[1]}" if len(path) > 1 else f"--{path[0]}")
@@ -187,7 +188,7 @@ def prepare(family: Family, options: SearchOptions) -> Search:
     outputs = tuple(dict.fromkeys((*wanted, *(name for name, _, _ in constraints))))
     for name in outputs:
         if wrong := refusal(scene.command, name, key_names(scene), number=True):
-            raise SceneError(f"{name}: {wrong}", key=name)
+            raise SceneError(wrong, (name,), key=name)
     for option, values in (("--reach", options.reach), ("--keep", options.keep)):
         for name, expected in values.items():
             if fault := unit_fault(scene, scene.command, name, expected):
@@ -243,10 +244,9 @@ def _check_bounds(search: Search) -> None:
     for k in search.continuous:
         name, variation = search.task.keys[k], search.variations[k]
         ends = np.array(variation.arguments)[:, None]
-        for row, error in Allowed(search.family, [search.keys[k]]).refusals(ends).items():
-            words = setting(name, float(ends[row, 0]))
-            message = error.message.replace(f"--set {words}", f"--vary {name}={variation.text}", 1)
-            raise SceneError(message, key=name)
+        allowed = Allowed(search.family, [search.keys[k]], varied(name, variation))
+        for error in allowed.refusals(ends).values():
+            raise error
 
 
 def options_of(given: SearchOptions | None, changes: Mapping[str, object]) -> SearchOptions:

@@ -102,12 +102,12 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
     if scene.command not in STUDIED:
         message = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {message}: it says whose summary is meant; allowed: {', '.join(STUDIED)}",
+            f"key 'command' {message}: it says whose summary is meant; allowed: {', '.join(STUDIED)}", (family.path,),
             file=family.path, key="command",
         )  # fmt: skip
     if not to:
         raise SceneError(
-            f"{family.path}: no key is named that varies; give --to KEY, e.g. robot.links.NAME.mass"
+            "no key is named that varies; give --to KEY, e.g. robot.links.NAME.mass", (family.path,)
         )
     refuse_doubles(family.root, to, "--to")
     pairs = [_of_key(family, name) for name in to]
@@ -115,7 +115,7 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
     nominal = run_nominal(task, "--of")
     for reason in nominal.reasons.values():
         raise SceneError(
-            f"{family.path}: the scene as it stands fails, so nothing has a derivative: {reason}"
+            f"the scene as it stands fails, so nothing has a derivative: {reason}", (family.path,)
         )
     model = build_model(scene)
     return AskedSlopes(
@@ -132,21 +132,19 @@ def _of_key(family: Family, name: str) -> tuple[Key, float]:
     ------
     SceneError : it does not exist, has no number there, or does not take others nearby.
     """
-    node, refused = node_at(family.root, name), None
+    node, refused, asked = node_at(family.root, name), None, f"--to {name}"
     try:
-        key, value = understand(family, name), value_of(family, name)
+        key, value = understand(family, name, asked), value_of(family, name, asked)
         if value is not None:
-            family.scene([setting(name, value + NEARBY * (value or 1.0))])
+            family.scene([setting(name, value + NEARBY * (value or 1.0), asked)])
             return key, value
     except SceneError as error:
         refused = error
     is_number = counted(name)[1] or (isinstance(node, Scalar) and isinstance(node.value, (int, float)))
     if refused is not None and (node is None or is_number):
         # the key does not exist, or takes whole numbers alone; told without the value that it was tried with
-        head, _, rest = refused.message.partition(": ")
-        text = rest if head.startswith("--set ") else refused.message
-        raise SceneError(f"--to {name}: {text}", **refused.details) from refused
+        raise refused
     text = "the scene has no number there; allowed: a key with a number, or KEY#n, its n-th number"
     if node is None:
-        raise SceneError(f"{family.path}: --to {name}: {text}", file=family.path, key=name)
+        raise SceneError(f"--to {name}: {text}", (family.path,), file=family.path, key=name)
     raise located(node, name, text)

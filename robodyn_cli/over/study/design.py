@@ -129,13 +129,17 @@ class Correlated:
         for pair in pairs:
             a, b = (_place(name, names) for name in pair.between)
             if a == b:
-                raise SceneError(f"study.correlation: {pair.between[0]!r} stands there twice")
+                raise SceneError(
+                    f"{pair.between[0]!r} stands there twice", ("study.correlation",), key="study.correlation"
+                )
             matrix[a, b] = matrix[b, a] = pair.value
         try:
             self._factor = np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError:
             raise SceneError(
-                "study.correlation: the matrix of correlations is not positive definite: no variables are correlated so"
+                "the matrix of correlations is not positive definite: no variables are correlated so",
+                ("study.correlation",),
+                key="study.correlation",
             ) from None
 
     def rows(self, first: int, last: int) -> Array:
@@ -150,7 +154,9 @@ class Correlated:
 def _place(name: str, names: Sequence[str]) -> int:
     if name not in names:
         raise SceneError(
-            f"study.correlation: {name!r} is not drawn from a distribution; allowed: {', '.join(names)}"
+            f"{name!r} is not drawn from a distribution; allowed: {', '.join(names)}",
+            ("study.correlation",),
+            key="study.correlation",
         )
     return names.index(name)
 

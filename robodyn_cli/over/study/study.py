@@ -26,6 +26,7 @@ from robodyn_cli.results.summary import sha256
 from robodyn_cli.scene.checks.check import EXTREMES, LOCKS
 from robodyn_cli.scene.checks.keys import key_names, latch_units, places_of
 from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.summaries.keys import leaf_of, refusal
@@ -115,11 +116,13 @@ def prepare(asked: AskedStudy) -> Study:
     if scene.command not in STUDIED:
         message = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {message}: it says what each run does; allowed: {', '.join(STUDIED)}"
+            f"key 'command' {message}: it says what each run does; allowed: {', '.join(STUDIED)}",
+            (family.path,),
         )
     if options.least_yield is not None and not scene.expect:
         raise SceneError(
-            f"{family.path}: key 'expect' is missing: a yield is the share of runs that hold what it says",
+            "key 'expect' is missing: a yield is the share of runs that hold what it says",
+            (family.path,),
             key="expect",
         )
     design = make_design(options, asked.indices)
@@ -140,18 +143,18 @@ def prepare(asked: AskedStudy) -> Study:
 
 def check_key(family: Family, key: str, variation: Variation) -> None:
     """Refuse a key that the scene does not have, or a value of a grid that it does not take."""
-    x = variation.example
-    words = f"{key}={x!r} {variation.unit}" if variation.unit else setting(key, x)
-    try:
-        family.scene([words])
-        values = np.array(variation.values)[:, None]
-        refused = Allowed(family, [understand(family, key)]).refusals(values) if variation.is_grid else {}
-        for row, error in refused.items():
-            words = setting(key, variation.values[row])
+    x, asked = variation.example, varied(key, variation)
+    with_unit = AskedSetting(f"{key}={x!r} {variation.unit}", asked)
+    family.scene([with_unit if variation.unit else setting(key, x, asked)])
+    if variation.is_grid:
+        allowed = Allowed(family, [understand(family, key, asked)], asked)
+        for error in allowed.refusals(np.array(variation.values)[:, None]).values():
             raise error
-    except SceneError as error:
-        message = error.message.replace(f"--set {words}", f"--vary {key}={variation.text}", 1)
-        raise SceneError(message, key=key) from error
+
+
+def varied(key: str, variation: Variation) -> str:
+    """Return the option that asks for a variation, as messages name it."""
+    return f"--vary {key}={variation.text}"
 
 
 def units_of_keys(task: Task, model: Model) -> dict[str, str]:
@@ -179,11 +182,11 @@ def run_nominal(task: Task, source: str) -> RunRows:
             raise SceneError(f"{source} {key}: {wrong}", key=f"{source} {key}")
     made, summary = make_one(dataclasses.replace(task, keys=()), 0, np.empty(0))
     if not summary:
-        raise SceneError(f"{task.family.path}: the scene as it stands does not run: {made.reasons[0]}")
+        raise SceneError(f"the scene as it stands does not run: {made.reasons[0]}", (task.family.path,))
     if not task.outputs:
         known = ", ".join(_numbers(summary))
         raise SceneError(
-            f"{task.family.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
+            f"no output is named; give --of KEY, or study.of; numbers here: {known}", (task.family.path,)
         )
     for key in task.outputs:
         asked = f"{source} {key}"

@@ -68,6 +68,7 @@ class Source:
     real : resolved path, to recognise a file that includes itself; empty for text that is no file.
     parent : the source that includes this one.
     positions : whether line and column mean something (not for the text of an option).
+    names_key : whether the name says already which key it is about.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Source:
     real: str = ""
     parent: Source | None = None
     positions: bool = True
+    names_key: bool = False
 
     def chain(self) -> Iterator[Source]:
         """Yield this source and those that include it, innermost first."""
@@ -216,17 +218,26 @@ def dotted(path: Path) -> str:
 
 def located(node: Node, key: str, message: str, **details: Any) -> SceneError:
     """Return the error at a node: ``FILE:LINE:COL: key.path: message``, on one line."""
+    return SceneError(_one_line(message), **place_of(node, key), **details)
+
+
+def place_of(node: Node, key: str) -> dict[str, Any]:
+    """Return what an error at a node says of its place: what it is about, ``FILE:LINE:COL`` or the option, and the key,
+    each on one line; and the details ``file``, ``line``, ``column`` and ``key``."""
     source = node.source
     place = f"{source.name}:{node.line}:{node.column}" if source.positions else source.name
-    text = f"{place}: {key}: {message}" if key else f"{place}: {message}"
-    return SceneError(
-        " ".join(text.split("\n")),
-        file=source.name,
-        line=node.line if source.positions else None,
-        column=node.column if source.positions else None,
-        key=key,
-        **details,
-    )
+    shown_key = "" if source.names_key else key
+    return {
+        "about": tuple(_one_line(part) for part in (place, shown_key) if part),
+        "file": source.name,
+        "line": node.line if source.positions else None,
+        "column": node.column if source.positions else None,
+        "key": key,
+    }
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split("\n"))
 
 
 def describe_node(node: Node) -> str:

@@ -5,12 +5,33 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from robodyn_cli.errors import SceneError, did_you_mean, shown
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import Includer, child_kind, concrete
 from robodyn_cli.scene.text.numbers import below, counted, number_at, why_none, with_leaf
 from robodyn_cli.scene.text.yaml_text import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
+
+
+class AskedSetting(str):
+    """A text ``key.path=value`` of an option other than ``--set``: errors about it name ``asked``.
+
+    names_key : whether that says already which key it is, so that errors do not.
+    """
+
+    asked: str
+    names_key: bool
+
+    def __new__(cls, text: str, asked: str, names_key: bool = True) -> AskedSetting:
+        setting = super().__new__(cls, text)
+        setting.asked, setting.names_key = asked, names_key
+        return setting
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return AskedSetting, (str(self), self.asked, self.names_key)
+
 
 HELP = (
     "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, key.path#n=value for "
@@ -28,9 +49,9 @@ def apply(root: nodes.Node, kind: Kind, override: str, directory: str, includer:
     directory : where relative paths in the value start.
     includer : loads the files that the path leads through.
     """
-    quoted = " ".join(override.split()) or "''"
-    label = "--set " + (quoted if len(quoted) <= 100 else quoted[:97] + "...")
-    source = nodes.Source(label, directory, positions=False)
+    source = nodes.Source(_label(override), directory, positions=False)
+    if isinstance(override, AskedSetting):
+        source = nodes.Source(override.asked, directory, positions=False, names_key=override.names_key)
     place = nodes.Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
     appends, key = key.endswith("+"), key.removesuffix("+")
@@ -50,6 +71,11 @@ def apply(root: nodes.Node, kind: Kind, override: str, directory: str, includer:
             f"is a number of the scene (value {nodes.describe_node(value)}); allowed: a number",
         )
     return _Setter(place, value, includer, appends, n).set(root, kind, steps, ())
+
+
+def _label(override: str) -> str:
+    quoted = " ".join(override.split()) or "''"
+    return "--set " + (quoted if len(quoted) <= 100 else quoted[:97] + "...")
 
 
 def _is_number(value: nodes.Node) -> bool:

@@ -132,7 +132,9 @@ def deploy(
             if done.followed is not None and done.followed.recorder is not None:
                 failure = done.followed.recorder.not_finite
         except CapabilityError as refusal:
-            failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
+            failure = CapabilityError(
+                f"continue: the locked structure: {refusal.message}", ("deploy.after",), key="deploy.after"
+            )
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
 
 
@@ -165,8 +167,9 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     """
     if scene.control is not None and not scene.deploy.latches:
         raise CapabilityError(
-            f"{scene.path}: control: 'deploy' up to a dead point follows a mechanism without a controller; allowed: "
+            "'deploy' up to a dead point follows a mechanism without a controller; allowed: "
             "deploy.latches, or the command 'simulate'",
+            (scene.path, "control"),
             key="control",
         )
     if not scene.deploy.latches:
@@ -195,8 +198,9 @@ def _refuse_open_chain(scene: Scene) -> None:
     """
     if not scene.loops and not scene.couplers and scene.deploy.criterion != "latch":
         raise CapabilityError(
-            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none; allowed in an open chain: "
+            "deploy needs a mechanism with closed loops; this scene has none; allowed in an open chain: "
             "latches that close at positions (deploy.latches)",
+            (scene.path,),
             key="loops",
         )
 

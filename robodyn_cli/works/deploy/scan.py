@@ -273,9 +273,10 @@ def _refuse_multipliers(motion: Motion) -> None:
     criterion = motion.scene.deploy.criterion
     if criterion in ("multipliers", "either"):
         raise CapabilityError(
-            f"deploy.criterion: {criterion!r} counts the multipliers, which are not determined while more joints stick "
+            f"{criterion!r} counts the multipliers, which are not determined while more joints stick "
             "than there are degrees of freedom; allowed: dead_point, latch, or 'transition_speed' in the friction of "
             "some joints",
+            ("deploy.criterion",),
             key="deploy.criterion",
         )
 
@@ -303,8 +304,9 @@ ALONG = 1001  # samples of a prescribed motion that is followed ahead
 def driven_extremes() -> CapabilityError:
     """Return the error of extremes in a mechanism that a prescribed motion drives into a dead point."""
     return CapabilityError(
-        "outputs.extremes: the mechanism is driven into a dead point, where rates have no bound; allowed: "
+        "the mechanism is driven into a dead point, where rates have no bound; allowed: "
         "'simulate' with a duration that ends before it",
+        ("outputs.extremes",),
         key="outputs.extremes",
     )
 

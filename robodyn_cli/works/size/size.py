@@ -149,7 +149,7 @@ def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
     drives = dict(scene.drives) or {name: Drive(motor="") for name in actuated}
     if not drives:
         fault = "no joint is driven; allowed: joints in 'drives', or in 'actuated'"
-        raise SceneError(f"{scene.path}: {fault}", key="drives")
+        raise SceneError(fault, (scene.path,), key="drives")
     for joint in single:
         if joint.name not in drives or joint.name in scene.drives:
             continue
@@ -162,8 +162,9 @@ def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
         )
         if own == "gear" or getattr(joint, own) != _DEFAULTS[own]:
             raise SceneError(
-                f"{scene.path}: joint {joint.name!r} says by {own!r} what drives it; allowed: joints without that key, "
+                f"joint {joint.name!r} says by {own!r} what drives it; allowed: joints without that key, "
                 "or 'drives' of other joints",
+                (scene.path,),
                 key=f"robot.joints.{joint.name}.{own}",
             )
     if margin is not None:
