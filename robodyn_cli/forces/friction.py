@@ -100,6 +100,11 @@ class Friction(InJoint):
         """Whether a simulation holds the joint at rest by events."""
         return self.law == "set_valued" and self.dry
 
+    @property
+    def is_smoothed(self) -> bool:
+        """Whether a simulation smooths the sign of the rate."""
+        return self.law == "smooth" and self.dry
+
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         if self.law == "set_valued" and self.transition_speed is not None:
             yield ("transition_speed",), "does not go with 'law: set_valued', which smooths nothing"

@@ -9,8 +9,9 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.model.model import PARAMETER_GROUP
-from robodyn_cli.observe.rounding import ENLARGED, Rounded, largest_difference
+from robodyn_cli.observe.rounding import ENLARGED, Rounded, largest_differences
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -20,40 +21,46 @@ VANISHED = 1e-12  # of the largest singular value: smaller ones are those of row
 
 @record
 class Conditioning:
-    """How far rounding of the equations puts off any acceleration, and coordinates that the loops close [rad, m].
+    """How far rounding of the equations puts off any acceleration, and coordinates that the loops close [rad, m], of
+    runs (N,).
 
     acceleration : 0 where that is not to be told at little cost: parameters that change on the way, very large
     equations. changes : time in which rates change [s].
     """
 
-    acceleration: float
-    closing: float
-    changes: float
+    acceleration: Array
+    closing: Array
+    changes: Array
 
     @staticmethod
     def of(
-        problem: Problem, held: Sequence[int], times: Array, states: tuple[Array, Array, Array]
+        problem: Problem,
+        held: Sequence[int],
+        times: Array,
+        states: tuple[Array, Array, Array],
+        runs: ManyNumbers | None = None,
     ) -> Conditioning:
-        """Return the conditioning along a motion.
+        """Return the conditioning along motions.
 
         Parameters
         ----------
-        held : columns of rates that are held at the start. states : q (T, nq), v (T, nv) and z (T, nz) at the times.
+        held : columns of rates that are held at the start. states : q (N, T, nq), v (N, T, nv) and z (N, T, nz) at the
+        times (N, T). runs : numbers of the scene in each, in place of its own.
         """
-        inputs = dict(zip(("t", "q", "v", "z"), (times[:, None], *states)))
-        closing = _closing(problem, held, inputs)
+        inputs = dict(zip(("t", "q", "v", "z"), (times[..., None], *states)))
+        closing, nothing = _closing(problem, held, inputs, runs), np.zeros(len(times))
         accelerations = list(problem.forward.qdd)
         if any(symbol.value[1] == PARAMETER_GROUP for symbol in free_symbols(accelerations)):
-            return Conditioning(0.0, closing, 0.0)
+            return Conditioning(nothing, closing, nothing)
         program = Rounded(accelerations)
         if len(program.nodes) > LARGE:
-            return Conditioning(0.0, closing, 0.0)
-        draws = program(inputs)
-        off = largest_difference(draws)
-        if off is None:
-            return Conditioning(0.0, closing, 0.0)
-        fastest, largest = (float(np.abs(x).max(initial=0.0)) for x in (states[1], draws[0]))
-        return Conditioning(off, closing, fastest / max(largest, 1e-300))
+            return Conditioning(nothing, closing, nothing)
+        draws = program(inputs, runs)
+        off = largest_differences(draws)
+        fastest, largest = (np.abs(x).max(axis=(1, 2), initial=0.0) for x in (states[1], draws[:, 0]))
+        good = np.isfinite(off)
+        changes = np.where(good, fastest / np.maximum(largest, 1e-300), 0.0)
+        return Conditioning(np.where(good, off, 0.0), closing, changes)
 
     def leaves(self, lasted: Any) -> tuple[Any, Any]:
         """Return what it leaves of positions and rates of runs that lasted so long [s], numbers or arrays.
@@ -65,27 +72,36 @@ class Conditioning:
         return np.maximum(self.closing, off * np.minimum(lasted, self.changes)), off
 
 
-def _closing(problem: Problem, held: Sequence[int], inputs: dict[str, Array]) -> float:
-    """Return how far rounding of the constraints may have put any coordinate off [rad, m].
+def _closing(
+    problem: Problem, held: Sequence[int], inputs: dict[str, Array], runs: ManyNumbers | None
+) -> Array:
+    """Return how far rounding of the constraints may have put any coordinate off (N,) [rad, m].
 
     delta(eta) over the smallest singular value of Psi, of the columns that are not ``held`` at the start: rows that
     nearly depend on each other hardly determine the joints that they close. 0 where there are no constraints or their
     number makes it dear.
     """
-    return float(np.linalg.norm(closing_steps(*rounded_rows(problem, inputs), held), axis=1).max(initial=0.0))
+    psi, off = rounded_rows(problem, inputs, runs)
+    steps = closing_steps(psi.reshape(off.size, *psi.shape[2:]), off.ravel(), held).reshape(
+        *off.shape, psi.shape[3]
+    )
+    largest: Array = np.linalg.norm(steps, axis=2).max(axis=1, initial=0.0)
+    return largest
 
 
-def rounded_rows(problem: Problem, inputs: dict[str, Array]) -> tuple[Array, Array]:
-    """Return Psi (T, m, nv), and how far rounding may have put eta off (T,), at samples (T, n) by group; none (T = 0)
-    where there are no constraints or their number makes it dear."""
-    rows, nv = problem.constraints.rows, problem.model.nv
+def rounded_rows(
+    problem: Problem, inputs: dict[str, Array], runs: ManyNumbers | None = None
+) -> tuple[Array, Array]:
+    """Return Psi (N, T, m, nv), and how far rounding may have put eta off (N, T), at samples (N, T, n) by group; none
+    (T = 0) where there are no constraints or their number makes it dear. runs : as of ``Conditioning.of``."""
+    rows, nv, count = problem.constraints.rows, problem.model.nv, len(inputs["q"])
     program = Rounded([*(row.eta for row in rows), *problem.psi.ravel()])
     if not rows or len(program.nodes) > LARGE:
-        return np.zeros((0, 0, nv)), np.zeros(0)
-    draws = program(inputs)
-    eta = draws[:, :, : len(rows)]
-    off = np.sqrt((np.abs(eta[1:] - eta[0]).max(axis=0) ** 2).sum(axis=1)) / ENLARGED
-    return draws[0, :, len(rows) :].reshape(draws.shape[1], len(rows), nv), off
+        return np.zeros((count, 0, 0, nv)), np.zeros((count, 0))
+    draws = program(inputs, runs)
+    eta = draws[..., : len(rows)]
+    off = np.sqrt((np.abs(eta[:, 1:] - eta[:, :1]).max(axis=1) ** 2).sum(axis=2)) / ENLARGED
+    return draws[:, 0, :, len(rows) :].reshape(count, draws.shape[2], len(rows), nv), off
 
 
 def closing_steps(psi: Array, off: Array, held: Sequence[int]) -> Array:

@@ -227,12 +227,16 @@ class Courses:
         errors: Array = self.scale[:, None, None] * self.apart
         return errors
 
-    def beside(self, apart: Array, made: Any) -> Courses:
+    def beside(self, apart: Array, made: Any, steep: bool = False) -> Courses:
         """Return the courses with the larger one of these and the differences of third integrations from the first.
 
         made : of which runs (N,) there are third ones. These and the second ones are both far more accurate than the
-        first: where they do not tell the same error, theirs are as large.
+        first: where they do not tell the same error, theirs are as large; on ``steep`` slopes, of which each step has
+        its luck, as large as they are apart.
         """
+        if steep:
+            own = np.abs(apart - self.apart) * np.reshape(made, (-1, 1, 1))
+            return dataclasses.replace(self, apart=np.maximum(self.apart, apart) + own)
         places = [*self.system.q_places, *self.system.v_places]
         half = self.apart.shape[1] // 2
         second, third = (x[:, half:, places] for x in (self.apart, apart))
@@ -240,17 +244,19 @@ class Courses:
         joined = dataclasses.replace(self, apart=np.maximum(self.apart, apart))
         return joined._with_erratic(made & (unlike > UNLIKE * size))
 
-    def settled(self, floor: Floor) -> tuple[Courses, Masks]:
+    def settled(self, floor: Floor, steep: bool = False) -> tuple[Courses, Masks]:
         """Return the courses with the second runs' errors as large as the first's where the motion amplifies rounding,
         since no order makes them smaller there; and which runs (N,) are in doubt.
 
         In these both integrations may have come to the same error by chance, at the end or as they amplify rounding: a
-        third one, of another tolerance and with other roundings, tells.
+        third one, of another tolerance and with other roundings, tells. So they may in all that go through ``steep``
+        slopes, where single steps decide, and a tighter tolerance says little about their errors.
         """
         if self.first.shape[1] < FEWEST:
             return self, np.zeros(len(self.first), dtype=bool)
         amplify = self._amplify(floor)
-        return self._with_erratic(amplify), amplify | self._agree_at_end(floor)
+        doubt = amplify | self._agree_at_end(floor)
+        return self._with_erratic(amplify), np.ones_like(doubt) if steep else doubt
 
     def _with_erratic(self, erratic: Masks) -> Courses:
         """Return the courses with second integrations that err as much as the first in some runs (N,)."""
@@ -300,14 +306,14 @@ class Courses:
         return last
 
     def floor(
-        self, steps: Any, lasted: Any, conditioning: Callable[[int], Conditioning], watched: float = 0.0
+        self, steps: Any, lasted: Any, conditioning: Callable[[Masks], Conditioning], watched: float = 0.0
     ) -> Floor:
         """Return what rounding is expected to leave.
 
         Parameters
         ----------
-        steps : of the first integrations (N,), which lasted so long (N,) [s]. conditioning : that of a run, by number;
-            the first one that it counts for is asked. watched : what others say that rounding leaves.
+        steps : of the first integrations (N,), which lasted so long (N,) [s]. conditioning : that of the runs (N,)
+            which it counts for. watched : what others say that rounding leaves.
         """
         largest, part = (
             np.abs(self.first).max(axis=1, initial=0.0),
@@ -319,7 +325,7 @@ class Courses:
         near = errors <= NEAR_ROUNDING * np.maximum(q, qd)
         if not near.any():
             return Floor(q, qd)
-        off_q, off_qd = conditioning(int(np.argmax(near))).leaves(lasted)
+        off_q, off_qd = conditioning(near).leaves(lasted)
         return Floor(np.where(near, np.maximum(q, off_q), q), np.where(near, np.maximum(qd, off_qd), qd))
 
 

@@ -24,6 +24,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Gains
 
 if TYPE_CHECKING:
+    from robodyn_cli.expr.many import ManyNumbers
     from robodyn_cli.motion.conditioning import Conditioning
     from robodyn_cli.results.result import Result
 
@@ -183,11 +184,20 @@ class Motion:
         watched = (system or self.system).watched_by(lambda e: twins.get(id(e.owner), e.owner))
         return dataclasses.replace(self, system=watched, watchers=tuple(twins.values()))
 
-    def conditioning(self, times: Array, x: Array) -> Conditioning:
-        """Return what rounding of the equations does along states x (T, nx) at times (T,)."""
+    def conditioning(self, times: Array, x: Array, runs: ManyNumbers | None = None) -> Conditioning:
+        """Return what rounding of the equations does along states x (N, T, nx) at times (N, T).
+
+        runs : numbers of the scene in each, in place of its own.
+        """
         from robodyn_cli.motion.conditioning import Conditioning
 
-        return Conditioning.of(self.problem, self.held, times, self.system.split(x))
+        return Conditioning.of(self.problem, self.held, times, self.system.split(x), runs)
+
+    @cached_property
+    def is_steep(self) -> bool:
+        """Whether rates pass through steep slopes where they change their sign: dry friction that is smoothed."""
+        forces = (force for body in self.problem.model.bodies for force in body.forces)
+        return any(force.kind == "friction" and force.element.is_smoothed for force in forces)
 
     @cached_property
     def held(self) -> list[int]:
@@ -202,8 +212,9 @@ class Motion:
         """Psi (1, m, nv) at the start, and how far rounding may have put the rows off there (1,); empty without any."""
         from robodyn_cli.motion.conditioning import rounded_rows
 
-        q, v = self.assembled.q[None], self.assembled.v[None]
-        return rounded_rows(self.problem, {"t": np.zeros((1, 1)), "q": q, "v": v})
+        q, v = self.assembled.q[None, None], self.assembled.v[None, None]
+        psi, off = rounded_rows(self.problem, {"t": np.zeros((1, 1, 1)), "q": q, "v": v})
+        return psi[0], off[0]
 
     def closed_otherwise(self) -> Motion:
         """Return the motion from another start that closes the loops as well: as far away as rounding leaves open."""

@@ -205,15 +205,15 @@ def estimate_error(
     watched = sum(watcher.rounding for watcher in motion.watchers)
     lasted = times[-1] - times[0]
     floor = courses.floor(
-        first.steps, lasted, lambda k: motion.conditioning(times, courses.first[k]), watched
+        first.steps, lasted, lambda near: motion.conditioning(times[None], courses.first), watched
     )
     factor = float(courses.scale[0])  # of figures, as in many runs
-    courses, doubt = courses.settled(floor)
+    courses, doubt = courses.settled(floor, motion.is_steep)
     dq, dv = sampled_errors(motion, grid, second, recorder, courses.scale)
     if doubt[0] and (third := _third_run(motion, again, tick)) is not None:
         other, _ = judged_courses(motion, first, third, recorder)
         if other.apart.shape == courses.apart.shape:
-            courses = courses.beside(other.apart, True)
+            courses = courses.beside(other.apart, True, motion.is_steep)
             more = sampled_errors(motion, grid, third, recorder, courses.scale)
             dq, dv = (_larger(x, y) for x, y in zip((dq, dv), more))
     least_q, least_v = float(floor.q[0]), float(floor.qd[0])

@@ -43,14 +43,17 @@ class Rounded:
     def __call__(self, inputs: Mapping[str, Array], runs: ManyNumbers | None = None) -> Array:
         """Return the outputs (draw, sample, output) at inputs (T, n) by group.
 
-        runs : numbers of the scene in many runs, in place of its own; then the outputs are (run, draw, sample, output).
+        runs : numbers of the scene in many runs, in place of its own; then the outputs are (run, draw, sample, output),
+        and so they are where inputs (N, T, n) are those of runs.
         """
-        samples = len(next(iter(inputs.values())))
-        shape = (*([] if runs is None else [runs.runs]), DRAWS + 1, samples)
+        first = next(iter(inputs.values()))
+        many = [len(first)] if first.ndim == 3 else [] if runs is None else [runs.runs]
+        samples = first.shape[-2]
+        shape = (*many, DRAWS + 1, samples)
         factors = itertools.cycle(1.0 + ENLARGED * UNIT * _changes(PATTERNS, samples))
         numbers = RoundedNumbers(runs, factors)
         with np.errstate(all="ignore"):
-            columns = self.made(lambda group, position: inputs[group][:, position], numbers, factors)
+            columns = self.made(lambda group, position: _column(inputs[group], position), numbers, factors)
         return np.stack([np.broadcast_to(x, shape) for x in columns], axis=-1)
 
     def made(
@@ -119,6 +122,12 @@ class RoundedNumbers:
             x = np.broadcast_to(args[0], (self._runs.runs, *np.shape(args[0])[-2:]))
             return self._runs.looked_up(x, node.value)
         return apply(node, args)
+
+
+def _column(inputs: Array, position: int) -> Array:
+    """Return one of the inputs (T, n), or (N, T, n) of runs, beside draws."""
+    own: Array = inputs[..., position]
+    return own if inputs.ndim == 2 else own[:, None]
 
 
 def _changes(patterns: int, samples: int) -> Array:

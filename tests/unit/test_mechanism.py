@@ -122,6 +122,61 @@ def test_what_a_comparison_decides_is_remembered() -> None:
     assert not Recipe(["c"]).deciding(witnesses)
 
 
+def test_errors_near_rounding_are_those_of_the_run_whatever_ran_before() -> None:
+    scene = load_scene(
+        CONFIGS / "double_pendulum.yaml",
+        {"simulate": {"duration": 0.5, "rtol": 1e-13, "atol": 1e-15}, "expect": None},
+    )
+    masses = np.array([[3.0], [0.01], [20.0], [11.0]])
+    key = ["robot.links.link1.mass"]
+    together = Mechanism(scene, key).simulate_many(masses)
+    for order in ((0, 1, 2, 3), (2, 0, 3, 1)):
+        arm = Mechanism(scene, key)
+        for k in order:
+            alone = arm.simulate_many(masses[k : k + 1])
+            np.testing.assert_array_equal(alone.q_error[0], together.q_error[k])
+            np.testing.assert_array_equal(alone.qd_error[0], together.qd_error[k])
+    assert len(np.unique(together.q_error[:, 0])) > 2, "rounding is that of each run"
+
+
+STEEP = """
+schema: 1
+command: simulate
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 0, 1], friction: {coulomb: 1, transition_speed: 0.1, viscous: 0.02}}]
+  links: [{name: l, mass: 1.0, com: [0.4, 0, 0], inertia: {zz: 0.05}}]
+initial: {q: {a: 0.3}, qd: {a: 0.2}}
+simulate: {duration: 2.0, samples: 101, rtol: 1e-8, atol: 1e-10}
+"""
+
+
+def test_errors_on_slopes_of_friction_cover_where_second_runs_err_as_much() -> None:
+    rng = np.random.default_rng(5)
+    mass, coulomb, speed, viscous, q, qd, duration = (
+        rng.uniform(low, high, 1000)
+        for low, high in ((0.5, 3), (0.1, 2), (-3, -0.5), (0, 0.1), (-2.5, 1), (-2, 2), (0.5, 3))
+    )
+    values = np.stack([mass, coulomb, 10.0**speed, viscous, q, qd, duration], axis=1)
+    values = values[[14, 15, 118, 201, 241, 326, 374]]  # of which two integrations said too little
+    friction = "robot.joints.a.friction"
+    keys = [
+        "robot.links.l.mass",
+        f"{friction}.coulomb",
+        f"{friction}.transition_speed",
+        f"{friction}.viscous",
+    ]
+    keys += ["initial.q.a", "initial.qd.a", "simulate.duration"]
+
+    def runs(**changes: object) -> Any:
+        return Mechanism(load_scene_text(STEEP, overrides={"simulate": changes}), keys).simulate_many(values)
+
+    found = runs(integrator="dop853")
+    truth = runs(integrator="gauss", rtol=4e-14, atol=1e-16)
+    assert (np.abs(found.q - truth.q) <= found.q_error).all()
+    assert (np.abs(found.qd - truth.qd) <= found.qd_error).all()
+
+
 def test_a_run_alone_has_the_numbers_that_it_has_among_others() -> None:
     a, b = literal(0.7, "a"), literal(1.3, "b")
     one = [

@@ -141,7 +141,7 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
 
 
 def _refusal(scene: Scene, form: Format, problems: Iterable[str]) -> CapabilityError:
-    return CapabilityError(f"{scene.path}: {form.name} cannot hold it: " + "; ".join(problems))
+    return CapabilityError(f"{form.name} cannot hold it: " + "; ".join(problems), (scene.path,))
 
 
 # -- what is refused ---------------------------------------------------------------------------------------
@@ -218,7 +218,8 @@ def made_up(scene: Scene) -> list[str]:
     missing = unknown_among([x for term in terms.values() for x in np.ravel(term)])
     if missing:
         raise CapabilityError(
-            f"{scene.path}: the motion depends on data that the scene does not give: {listed(sorted(set(missing)))}"
+            f"the motion depends on data that the scene does not give: {listed(sorted(set(missing)))}",
+            (scene.path,),
         )
     links = zip(scene.robot.links, filled(scene).links)
     names = [new.name for old, new in links if _differs(old, new)]
@@ -319,7 +320,7 @@ def _left_out(scene: Scene, dh: list[str]) -> Iterator[str]:
         joint.name
         for joint in robot.joints
         for _, force in joint.forces
-        if isinstance(force, Friction) and force.dry and force.law == "smooth"
+        if isinstance(force, Friction) and force.is_smoothed
     ]
     if smooth:
         yield f"Coulomb friction is written as its level, without 'transition_speed': {listed(smooth)}"

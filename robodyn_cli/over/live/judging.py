@@ -24,6 +24,7 @@ from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
 from robodyn_cli.over.commands import locks
 from robodyn_cli.over.live.closing import record_closing
 from robodyn_cli.over.live.inertia import at_start
+from robodyn_cli.over.live.keys import cannot
 from robodyn_cli.over.live.rules import Recorded, Tape
 from robodyn_cli.over.many.course import samplings
 from robodyn_cli.over.many.integrate import SOUND, RunBatch, balances
@@ -78,9 +79,7 @@ class Judging:
             self.sampling, _, self.judged = samplings(self.batch, live.method, shown)
         self.first = self._drive(self.options, FleetLimits(steps=np.array([self.most])), self.sampling)
         if not self._ended(self.first):
-            raise CapabilityError(
-                f"this scene cannot {live.where}: its own run is left to the command{self._stopped_by}"
-            )
+            raise CapabilityError(f"its own run is left to the command{self._stopped_by}", cannot(live.where))
 
     def _drive(self, options: Options, limits: FleetLimits, sampling: Sampling) -> Runs:
         """Make the run of the scene as a page does: by the loop of single runs, whatever the samples."""
@@ -283,11 +282,11 @@ class Judging:
             # the last sample is of the end, too
             apart = difference(own, self._course(tape, x0, "again"), sampled_end=True)
             courses = Courses(system, own, apart, scale)
-            floor = courses.floor(first.steps, self.batch.ends, lambda k: self._conditioning())
+            floor = courses.floor(first.steps, self.batch.ends, lambda near: self._conditioning())
             settled, _ = courses.settled(floor)  # a third is made without a doubt
             if name == "third":
                 third = difference(own, self._course(tape, x0, "third"), sampled_end=True)
-                settled = settled.beside(third, np.ones(1, dtype=bool))
+                settled = settled.beside(third, np.ones(1, dtype=bool), self.motion.is_steep)
             self._keep(f"errors.{name}", tape, {"end": settled.at_end(floor)})
 
     def _course(self, tape: Tape, start: Recorded, name: str) -> Any:
@@ -298,13 +297,13 @@ class Judging:
 
     def _conditioning(self) -> Any:
         own = self.first.out.transpose(0, 2, 1)[:, self.judged]
-        states = np.concatenate([self.batch.states[:, None], own, self.first.y[:, None]], axis=1)[0]
+        states = np.concatenate([self.batch.states[:, None], own, self.first.y[:, None]], axis=1)
         step = self.first.w[0, DoubleSlot.SAMPLE_STEP]
         times = (
             self.first.w[0, DoubleSlot.SAMPLE_START]
             + step * np.arange(1, self.sampling.count + 1)[self.judged]
         )
-        return self.batch.structure.conditioning(np.array([0.0, *times, self.batch.ends[0]]), states)
+        return self.motion.conditioning(np.array([[0.0, *times, self.batch.ends[0]]]), states)
 
     # -- the lock -------------------------------------------------------------------------------------
     def _record_lock(self) -> None:

@@ -22,19 +22,19 @@ from robodyn_cli.integrators.runtime.fleet import Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot
 from robodyn_cli.integrators.runtime.options import JUDGED, Grid, stride_of
 from robodyn_cli.kernels.program import Program
+from robodyn_cli.motion.conditioning import Conditioning
 from robodyn_cli.motion.error import Courses, First, Masks, difference, remainder
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.self_check import EPS
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.command import error_of, number_of
-from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, second_runs, trust
+from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, in_parts, second_runs, trust
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.conditioning import Conditioning
     from robodyn_cli.motion.extremes import RecordedMotion
 
 LARGEST = tuple(f"error_estimate.{name}" for name in ("q_max", "qd_max", "state_max", "rounding_floor"))
@@ -156,9 +156,10 @@ class _Judge:
     def errors(self) -> CourseErrors:
         """Return the errors of the runs."""
         second, done = self._again(self.first)
+        steep = self.batch.structure.motion.is_steep
         courses, apart = self._courses(second), self._apart(second)
         floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
-        courses, doubt = courses.settled(floor)
+        courses, doubt = courses.settled(floor, steep)
         if len(rows := np.flatnonzero(done & doubt)):
             few = self.part(rows)
             third, ended = few._again(few.first.once_more)
@@ -166,7 +167,7 @@ class _Judge:
             more[rows[ended]] = few._courses(third).apart[ended]
             made = np.zeros(len(courses.apart), dtype=bool)
             made[rows[ended]] = True
-            courses = courses.beside(more, made)
+            courses = courses.beside(more, made, steep)
             for x, y in zip(apart, few._apart(third)):
                 x[rows[ended]] = np.maximum(x[rows[ended]], y[ended])
         q_max, qd_max = (np.maximum(courses.scale * x, y) for x, y in zip(apart, (floor.q, floor.qd)))
@@ -205,15 +206,23 @@ class _Judge:
         q, qd = (np.abs(y - x).max(axis=(1, 2), initial=0.0) for x, y in split)
         return q, qd
 
-    def _times(self, k: int, which: slice | None = None) -> Array:
-        """Return the times of samples of run k, by default those that are judged [s]."""
-        start, step = (self.runs.w[k, slot] for slot in (DoubleSlot.SAMPLE_START, DoubleSlot.SAMPLE_STEP))
-        times: Array = start + step * np.arange(1, self.runs.out.shape[2] + 1)
-        return times[self.judged if which is None else which]
+    def _times(self, runs: Any, which: slice | None = None) -> Array:
+        """Return the times (T,) of samples of a run, or (n, T) of some; by default those that are judged [s]."""
+        start, step = (self.runs.w[runs, slot] for slot in (DoubleSlot.SAMPLE_START, DoubleSlot.SAMPLE_STEP))
+        times: Array = start[..., None] + step[..., None] * np.arange(1, self.runs.out.shape[2] + 1)
+        return times[..., self.judged if which is None else which]
 
-    def _conditioning(self, k: int) -> Conditioning:
-        times = np.array([0.0, *self._times(k), self.batch.ends[k]])
-        return self.batch.structure.conditioning(times, self._course(self.runs)[k])
+    def _conditioning(self, near: Masks) -> Conditioning:
+        """Return the conditioning of some of the runs (N,), 0 of the others."""
+        rows, course = np.flatnonzero(near), self._course(self.runs)
+        found = np.zeros((3, len(near)))
+        for part in in_parts(len(rows), course.shape[1]):
+            some = rows[part]
+            ends = self.batch.ends[some, None]
+            times = np.hstack([np.zeros_like(ends), self._times(some), ends])
+            one = self.batch.structure.motion.conditioning(times, course[some], self.batch.numbers.rows(some))
+            found[:, some] = one.acceleration, one.closing, one.changes
+        return Conditioning(*found)
 
 
 def samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
@@ -304,9 +313,13 @@ def motions_of(batch: RunBatch, keys: Sequence[str], method: str) -> Iterator[Mo
         closed = dataclasses.replace(motion.assembled, q=batch.starts.q[k], v=batch.starts.v[k])
         own = system.with_numbers(partial(read, k))
         one = dataclasses.replace(motion, scene=scene, assembled=closed, system=own, choice=choice)
-        rounding = psi[k : k + 1] if len(off) else psi, off
-        known = {"observer": observer, "held": motion.held, "conditioning": structure.conditioning}
-        vars(one).update(known, start_rounding=rounding)
+        own_numbers = numbers.rows(np.array([k]))
+        known = {
+            "observer": observer, "held": motion.held,
+            "conditioning": partial(motion.conditioning, runs=own_numbers),
+            "start_rounding": (psi[k : k + 1], off[k : k + 1]),
+        }  # fmt: skip
+        vars(one).update(known)
         yield one
 
 

@@ -7,6 +7,7 @@ come to its end, or that looks doubtful, is left to ``simulate`` itself.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -20,7 +21,7 @@ from robodyn_cli.integrators.runtime.fleet import FEW, NO_LIMITS, NO_SAMPLES, Fl
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.manifold import Manifold
-from robodyn_cli.motion.conditioning import closing_steps
+from robodyn_cli.motion.conditioning import closing_steps, rounded_rows
 from robodyn_cli.motion.error import Attempt, First, Masks, integrate_again
 from robodyn_cli.motion.method import compare
 from robodyn_cli.motion.self_check import EPS, EnergyCourse, allowed_drift, is_judged_by_energy
@@ -35,6 +36,7 @@ SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to jud
 FINER_SAMPLES = 4000, 32000  # of a run, between which Psi is followed
 LOOKED_AT = 2 * FEW  # samples of a run by which its energy is judged: not by steps in lanes, which end at few
 SERIES_STEPS = 3  # of a Taylor series, about, go the way of one of the default method
+ROUNDED_AT_ONCE = 2000  # samples whose rounding is looked at together: some MB for 50 operations
 CURVED = 1.5  # times the distance of two samples of Psi is at least the way between them
 
 
@@ -85,21 +87,22 @@ class RunBatch:
 
     @property
     def start_rounding(self) -> tuple[Array, Array]:
-        """Psi (N, m, nv) at the starts, and how far rounding may have put the rows off there (1,); both empty
+        """Psi (N, m, nv) at the starts, and how far rounding may have put the rows off there (N,); both empty
         without any."""
-        nominal, off = self.structure.motion.start_rounding
-        if not len(off):
-            return nominal, off
-        groups = {"q": list(self.starts.q.T), "t": [0.0], "p": []}
-        values = self.numbers.evaluate(self.structure.psi_of_loops, groups)
-        return values.reshape(len(self.values), *nominal.shape[1:]), off
+        q, v, problem = self.starts.q, self.starts.v, self.structure.motion.problem
+        parts = []
+        for rows in in_parts(len(q), 1):
+            inputs = {"t": np.zeros((len(rows), 1, 1)), "q": q[rows, None], "v": v[rows, None]}
+            parts.append(rounded_rows(problem, inputs, self.numbers.rows(rows)))
+        psi, off = (np.concatenate(part) for part in zip(*parts))
+        return (psi[:, 0], off[:, 0]) if off.size else (np.zeros((0, 0, problem.model.nv)), np.zeros(0))
 
     def closed_otherwise(self) -> RunBatch:
         """Return the runs from other starts that close the loops as well: as far away as rounding leaves open."""
         motion, (psi, off) = self.structure.motion, self.start_rounding
         if not len(off):
             return self
-        steps = closing_steps(psi, np.full(len(psi), off[0]), motion.held)
+        steps = closing_steps(psi, off, motion.held)
         manifold = Manifold(motion.problem.model)
         states, places = self.states.copy(), list(motion.system.q_places)
         for state, q, step in zip(states, self.starts.q, steps):
@@ -167,6 +170,12 @@ class Driven:
             value[rows], error[rows] = pair
             more[key] = value, error
         return dataclasses.replace(self, trusted=trusted, figures={**self.figures, **more})
+
+
+def in_parts(count: int, samples: int) -> list[NDArray[np.intp]]:
+    """Return the numbers of runs in parts whose rounding is looked at together, so that memory suffices."""
+    parts = max(1, math.ceil(count * samples / ROUNDED_AT_ONCE))
+    return list(np.array_split(np.arange(count), parts))
 
 
 def method_of(batch: RunBatch) -> tuple[NDArray[np.str_], Masks]:

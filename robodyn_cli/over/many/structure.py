@@ -30,7 +30,6 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.conditioning import Conditioning
     from robodyn_cli.observe.observe import Observer
 
 
@@ -71,7 +70,6 @@ class Structure(Built):
         # for another duration the motion that a controller follows may be another one
         self.follows |= self.motion.problem.control is not None and any(key.sort == OPTION for key in keys)
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
-        self._conditioning: Conditioning | None = None
         self._observers: dict[bool, tuple[Observer, list[Decision]]] = {}
 
     def fleet(self, method: str, watch: bool = True, through: bool = False) -> Fleet:
@@ -89,12 +87,6 @@ class Structure(Built):
             ]  # fmt: skip
             self._fleets[key] = Fleet(system, method, np.array(system.parameters or [0.0]), watch, passing)
         return self._fleets[key]
-
-    def conditioning(self, times: Array, x: Array) -> Conditioning:
-        """Return what rounding of the equations does, found once: along the first states x (T, nx) that are given."""
-        if self._conditioning is None:
-            self._conditioning = self.motion.conditioning(times, x)
-        return self._conditioning
 
     def _observer(self, reactions: bool) -> tuple[Observer, list[Decision]]:
         """What is evaluated at samples, and the comparisons of numbers that its own equations ask for."""
