@@ -26,6 +26,7 @@ from robodyn_cli.scene.text.nodes import (
     Source,
     TooMany,
     describe_node,
+    key_of,
     located,
 )
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
@@ -328,7 +329,7 @@ def _checked(root: Node, faults: Faults) -> Scene | None:
         errors = [e for e in errors if "unknown point" not in e.message]
     if any(key.startswith("catalogue") for key in faults.keys):
         errors = [
-            e for e in errors if " drives." not in e.message
+            e for e in errors if not key_of(e).startswith("drives.")
         ]  # what it lacks may be what is wrong in it
     faults.add_unrelated(errors, sections=True)
     return dataclasses.replace(scene, warnings=tuple(dict.fromkeys(reader.doubts)))
