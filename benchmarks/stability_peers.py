@@ -33,6 +33,7 @@ from robodyn_cli.over.stability.suite import _spectrum  # noqa: E402
 from robodyn_cli.over.stability.trial import INACCURATE, Budget, attempt, reference  # noqa: E402
 
 ENGINES = {"mujoco": mujoco.runs, "exudyn": exudyn.runs, "scipy": scipy.runs}
+NEEDED = {"scipy": ("pinocchio",)}  # for the accelerations
 BUDGET = Budget(2_000_000, 20.0)
 QUICK = ("gravity_alone", "start_near_singular", "double_pendulum")  # cases of ``--quick``
 INSTANTS = 257  # of a case that has no reference
@@ -111,7 +112,7 @@ def compare(
     found = {"robodyn auto": mine}
     times = np.linspace(0.0, scene.simulate.duration, INSTANTS) if ref is None else ref.times
     for module, runs in ENGINES.items():
-        if not report.has(module):
+        if not all(report.has(name) for name in (module, *NEEDED.get(module, ()))):
             continue
         for name, run in runs(mechanism):
             runs_of_it = measure.repeated(
