@@ -190,15 +190,21 @@ def fit_axis(ax: Axes, shown: DrawnCurves, magnitudes: bool = False) -> None:
 
 
 def fit_log_axis(
-    ax: Axes, time: Array, data: Array, colours: Sequence[Any], ends: tuple[float, float]
+    ax: Axes,
+    time: Array,
+    data: Array,
+    colours: Sequence[Any],
+    ends: tuple[float, float],
+    rounding: bool = False,
 ) -> None:
     """Make an axis of magnitudes (T, n) logarithmic between two ends and mark zeros on its lower edge; where nothing is
-    positive that is said, and there are no numbers."""
+    positive that is said, and there are no numbers. rounding : whether zeros are what rounding leaves."""
     if not np.any(data > 0.0):
         ax.set_ylim(-0.04, 1.0)
         ax.set_yticks([])
         middle = 0.5 * float(time[0] + time[-1])
-        ax.annotate("zero throughout", (middle, 0.5), ha="center", va="center", color=style.GREY)
+        words = "zero or rounding throughout" if rounding else "zero throughout"
+        ax.annotate(words, (middle, 0.5), ha="center", va="center", color=style.GREY)
         return
     log_axis(ax, *ends)
     zeros = data == 0.0

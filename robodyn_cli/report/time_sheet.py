@@ -247,7 +247,7 @@ class TimeSheet(Sheet):
         lines = [(time, y) for y in data.T]
         handles = draw_lines(ax, time, lines, styles) if styles else draw_crests(ax, time, data)
         colours = [handle.get_color() for handle in handles]
-        fit_log_axis(ax, time, data, colours, ends)
+        fit_log_axis(ax, time, data, colours, ends, any(shown.nothing))
         return handles
 
     def finish(self, handles: Sequence[Any], labels: Sequence[str]) -> None:

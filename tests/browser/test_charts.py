@@ -202,7 +202,12 @@ def test_plots_that_are_not_over_time_need_no_script(planar: tuple[Result, Path]
     context = chromium.new_context(offline=True, java_script_enabled=False, color_scheme="dark")
     page = context.new_page()
     page.goto(planar[1].as_uri())
-    words = page.locator("svg.picture text", has_text="x [m]")
+    words = page.get_by_role("img", name="Tip path").get_by_text("x [m]", exact=True)
     assert words.is_visible() and words.evaluate("x => getComputedStyle(x).fill") == "rgb(228, 228, 228)"
-    assert "need JavaScript" in page.locator("noscript").inner_text()
+    assert "need JavaScript" in page.locator("body > noscript").inner_text()
+    figures = page.locator(":is(figure.motion, figure.plot)")
+    for k in range(figures.count()):
+        shown = figures.nth(k).locator("svg.picture:visible, img:visible")
+        assert shown.count() == 1 and shown.locator("path, image").count() > 3, figures.nth(k).text_content()
+    assert not page.locator(".chart:visible, .scene:visible").count()
     context.close()

@@ -27,7 +27,8 @@ from robodyn_cli.report.figures import shown_errors, shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.compared import SideBySide, compared, judged
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
-from robodyn_cli.report.page.page import Shown, _plot, make_page
+from robodyn_cli.report.page.page import Shown, make_page
+from robodyn_cli.report.page.plots import plot_of
 from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import (
     Html,
@@ -230,9 +231,9 @@ def test_notes_of_a_figure_are_sentences_of_its_caption() -> None:
     result = chain_result(3)
     said = captions(draw(result, "joint_angles"))
     assert said == ["Joint angles", "No error is stated for this"]
-    plot = str(_plot(result, "joint_angles", Store()))
+    plot = str(plot_of(result, "joint_angles", Store()))
     assert f'<p class="caption">{said[1]}</p>' in plot
-    plot = str(_plot(inverse_result(), "torques", Store()))
+    plot = str(plot_of(inverse_result(), "torques", Store()))
     assert "on the side of the peak. No error is stated for this</p>" in plot
 
 

@@ -26,7 +26,7 @@ from matplotlib.text import Annotation
 from robodyn_cli.report.canvas import MORE, NOTE
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.page.pictures import picture
-from robodyn_cli.report.page.tables import Html
+from robodyn_cli.report.page.tables import Html, element
 from robodyn_cli.report.style import line_styles
 from robodyn_cli.report.time_sheet import CLOSE_UP
 from robodyn_cli.spatial.algebra import Array
@@ -72,6 +72,10 @@ class Store:
         """Return a figure as a picture, which the script has nothing to do with."""
         self.pictures += 1
         return picture(figure, label, self.pictures)
+
+    def spare(self, figure: Figure, label: str) -> Html:
+        """Return a figure as a picture that stands where no script runs."""
+        return element("noscript", self.picture(figure, label))
 
     def run(self, scene: Mapping[str, Any]) -> int:
         """Return the number of a scene that runs in the page."""

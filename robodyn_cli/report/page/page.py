@@ -14,13 +14,13 @@ from robodyn_cli.record import record
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes, shown_errors, shown_units
 from robodyn_cli.report.page import several, tables
-from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned, looks
+from robodyn_cli.report.page.charts import Store, looks
 from robodyn_cli.report.page.motion import motion_data
+from robodyn_cli.report.page.plots import plots_of, still
 from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.page.verdict import verdicts
-from robodyn_cli.report.registry import applicable, draw
-from robodyn_cli.report.style import number, styled, tied
+from robodyn_cli.report.style import number
 from robodyn_cli.report.time_sheet import lost_note
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
@@ -47,7 +47,6 @@ LIVE_GIVEN = (
     "the command."
 )
 SHORT = f"Pages of more than {several.WHOLE} results have no drawing and plots of each; a page of this one alone has."
-THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
 
 
 @record
@@ -77,7 +76,7 @@ def section(place: int, shown: Shown, store: Store, among: int | None) -> Html:
         _motion(result, store) if moving and whole else None,
         None if shown.live is None else _live(place, store, shown.live, result),
         tables.main_figures(result),
-        _plots(result, store, moving) if whole else element("p", SHORT, class_="note"),
+        plots_of(result, store, moving) if whole else element("p", SHORT, class_="note"),
         _summary(result, whole),
     ]
     if shown.plan is not None and whole:
@@ -136,7 +135,7 @@ def _motion(result: Result, store: Store) -> Html:
         kept = ", those at moments of the run among them" if moments(result) else ""
         words.append(f" {poses} of {samples} samples are shown{kept}.")
     told = element("div", class_="told-body", hidden=True, role="group", aria_label="Chosen body")
-    content = [drawing, _controls(data), told, _moments(result) if poses > 1 else None]
+    content = [drawing, still(result, store), _controls(data), told, _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
     seen = [path for path in ("q", "qd", "tau", "reactions") if path in result or result.group(path)]
     content += [tables.errors_of(result, *seen)]
@@ -262,39 +261,6 @@ def _moments(result: Result) -> Html | None:
     return element("p", buttons, f" and {left} more" if left > 0 else None, class_="moments")
 
 
-def _plots(result: Result, store: Store, moving: bool) -> Html | None:
-    """Return the plots that the result has data for; the drawing stands for that of the mechanism."""
-    names = [name for name in applicable(result) if not (name == "mechanism" and moving)]
-    if not names:
-        return None
-    first = len(store.figures)
-    with styled():
-        plots = [_plot(result, name, store) for name in names]
-    thinned = any(is_thinned(chart) for chart in store.figures[first:])
-    note = element("p", THINNED, class_="note") if thinned else None
-    return markup([tables.error_note(result.summary), note, element("div", plots, class_="plots")])
-
-
-def _plot(result: Result, name: str, store: Store) -> Html:
-    """Return a plot: a chart that follows the drawing where it is over time, else a picture."""
-    figure = draw(result, name)
-    data = chart_data(figure, store.arrays)
-    title = name.replace("_", " ").capitalize()
-    content = [
-        element("h3", title),
-        _caption(captions(figure), title),
-        store.picture(figure, title) if data is None else element("div", class_="chart"),
-    ]
-    number_of = None if data is None else store.add({**data, "name": title})
-    return element("figure", content, class_="plot", data_figure=number_of)
-
-
-def _caption(notes: list[str], title: str) -> Html | None:
-    """Return what the figure says of itself beyond its name, a sentence each."""
-    text = ". ".join(note.removesuffix(".") for note in notes if note and note != title)
-    return element("p", tied(text), class_="caption") if text else None
-
-
 # one after another they are the script of the page
 SCRIPTS = (
     "words.js",
@@ -339,7 +305,9 @@ def make_page(shown: Sequence[Shown]) -> str:
         compared, beside["several"] = several.beside(names, results, store.arrays)
         main = [several.contents(names, results), element("main", compared, sections)]
     noscript = element(
-        "p", "The drawing and plots over time need JavaScript; tables and other plots do not.", class_="note"
+        "p",
+        "Drawings that move, and plots that zoom and are read at a cursor, need JavaScript.",
+        class_="note",
     )
     body = [
         None if alone else element("header", element("h1", heading)),

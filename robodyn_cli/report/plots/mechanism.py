@@ -38,10 +38,20 @@ LENGTH = 26.0  # of an axis of a frame [pt]
 @plot(can_draw)
 def mechanism(result: Result) -> Any:
     """The mechanism at several instants, light to dark, the last pose in full; in space with views along the axes."""
+    return _at_instants(result, around=True)
+
+
+def mechanism_alone(result: Result) -> Any:
+    """Return the same without views along the axes."""
+    return _at_instants(result, around=False)
+
+
+def _at_instants(result: Result, around: bool) -> Any:
     drawing = make_drawing(result, evenly(len(result.time), 400))
     chosen = along_motion(drawing, POSES)
     poses = drawing.at(chosen)
     view, views = _views(poses, default_camera(drawing))
+    views = views if around or view.flat else []
     locked = lock_time(result)
     times = style.times(poses.times.tolist())
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
@@ -77,7 +87,7 @@ def _views(drawing: Drawing, camera: Camera) -> tuple[View, list[View]]:
 
 def _subtitle(view: View, count: int, below: bool) -> str:
     instants = f"{count} instants, light to dark" if count > 1 else "1 instant"
-    where = paper.where(view) + ("" if view.flat else " and along the axes")
+    where = paper.where(view) + (" and along the axes" if below and not view.flat else "")
     if view.flat and below:
         instants += "; below with the whole flight"
     told = paper.caption(view, grid=not view.numbered)

@@ -1,0 +1,57 @@
+"""The plots of a result on a page: charts that its script draws, pictures of the others and where no script runs."""
+
+from __future__ import annotations
+
+from robodyn_cli.report.page import tables
+from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
+from robodyn_cli.report.page.tables import Html, element, markup
+from robodyn_cli.report.plots.mechanism import mechanism_alone
+from robodyn_cli.report.registry import applicable, draw
+from robodyn_cli.report.style import styled, tied
+from robodyn_cli.results.result import Result
+
+THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
+
+
+def still(result: Result, store: Store) -> list[Html | None]:
+    """Return the drawing that stands where no script runs, with its caption."""
+    if "mechanism" not in applicable(result):
+        return []
+    with styled():
+        figure = mechanism_alone(result)
+        caption = element("noscript", _caption(captions(figure), ""))
+        return [store.spare(figure, f"The mechanism of {result.title}"), caption]
+
+
+def plots_of(result: Result, store: Store, moving: bool) -> Html | None:
+    """Return the plots that the result has data for; the drawing stands for that of the mechanism."""
+    names = [name for name in applicable(result) if not (name == "mechanism" and moving)]
+    if not names:
+        return None
+    first = len(store.figures)
+    with styled():
+        plots = [plot_of(result, name, store) for name in names]
+    thinned = any(is_thinned(chart) for chart in store.figures[first:])
+    note = element("p", THINNED, class_="note") if thinned else None
+    return markup([tables.error_note(result.summary), note, element("div", plots, class_="plots")])
+
+
+def plot_of(result: Result, name: str, store: Store) -> Html:
+    """Return a plot: a chart that follows the drawing where it is over time, else a picture."""
+    figure = draw(result, name)
+    data = chart_data(figure, store.arrays)
+    title = name.replace("_", " ").capitalize()
+    content = [
+        element("h3", title),
+        _caption(captions(figure), title),
+        None if data is None else element("div", class_="chart"),
+        store.picture(figure, title) if data is None else store.spare(figure, title),
+    ]
+    number_of = None if data is None else store.add({**data, "name": title})
+    return element("figure", content, class_="plot", data_figure=number_of)
+
+
+def _caption(notes: list[str], title: str) -> Html | None:
+    """Return what the figure says of itself beyond its name, a sentence each."""
+    text = ". ".join(note.removesuffix(".") for note in notes if note and note != title)
+    return element("p", tied(text), class_="caption") if text else None
