@@ -40,7 +40,7 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
         # with all joints held, none could move to close the loops
         overrides.append(f"initial.hold=[{', '.join(held if len(held) < len(joints) else [])}]")
     asked = f"--at {', '.join(given)!r}"
-    return [AskedSetting(text, asked, names_key=False) for text in overrides]
+    return [AskedSetting(text, asked, names_key=False, above="initial.") for text in overrides]
 
 
 def _known(joint: str, joints: Sequence[str], text: str) -> None:

@@ -68,7 +68,7 @@ class Source:
     real : resolved path, to recognise a file that includes itself; empty for text that is no file.
     parent : the source that includes this one.
     positions : whether line and column mean something (not for the text of an option).
-    names_key : whether the name says already which key it is about.
+    names_key : whether the name says already which key it is about. above : the key below which it names others.
     """
 
     name: str
@@ -77,6 +77,7 @@ class Source:
     parent: Source | None = None
     positions: bool = True
     names_key: bool = False
+    above: str = ""
 
     def chain(self) -> Iterator[Source]:
         """Yield this source and those that include it, innermost first."""
@@ -226,7 +227,7 @@ def place_of(node: Node, key: str) -> dict[str, Any]:
     each on one line; and the details ``file``, ``line``, ``column`` and ``key``."""
     source = node.source
     place = f"{source.name}:{node.line}:{node.column}" if source.positions else source.name
-    shown_key = "" if source.names_key else key
+    shown_key = "" if source.names_key else key.removeprefix(source.above)
     return {
         "about": tuple(_one_line(part) for part in (place, shown_key) if part),
         "file": source.name,

@@ -18,19 +18,20 @@ from robodyn_cli.schema.fields import Kind, ListOf, Section
 class AskedSetting(str):
     """A text ``key.path=value`` of an option other than ``--set``: errors about it name ``asked``.
 
-    names_key : whether that says already which key it is, so that errors do not.
+    names_key, above : as of ``Source``.
     """
 
     asked: str
     names_key: bool
+    above: str
 
-    def __new__(cls, text: str, asked: str, names_key: bool = True) -> AskedSetting:
+    def __new__(cls, text: str, asked: str, names_key: bool = True, above: str = "") -> AskedSetting:
         setting = super().__new__(cls, text)
-        setting.asked, setting.names_key = asked, names_key
+        setting.asked, setting.names_key, setting.above = asked, names_key, above
         return setting
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return AskedSetting, (str(self), self.asked, self.names_key)
+        return AskedSetting, (str(self), self.asked, self.names_key, self.above)
 
 
 HELP = (
@@ -51,7 +52,9 @@ def apply(root: nodes.Node, kind: Kind, override: str, directory: str, includer:
     """
     source = nodes.Source(_label(override), directory, positions=False)
     if isinstance(override, AskedSetting):
-        source = nodes.Source(override.asked, directory, positions=False, names_key=override.names_key)
+        source = nodes.Source(
+            override.asked, directory, positions=False, names_key=override.names_key, above=override.above
+        )
     place = nodes.Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
     appends, key = key.endswith("+"), key.removesuffix("+")
