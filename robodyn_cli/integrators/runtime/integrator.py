@@ -64,6 +64,8 @@ class Integrator:
         self.engine = Engine(system, method, self.p)
         self.memory = self.engine.memory
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
+        self.options, self._begun = DEFAULTS, math.nan
+        self._blank = np.zeros(0)
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
         self.met: list[Jumped] | None = None
@@ -77,25 +79,32 @@ class Integrator:
         state = np.asarray(state, dtype=float)
         if state.shape != self.y.shape:
             raise ValueError(f"the state has {self.system.size} components, got {state.shape}")
+        if options is not self.options or time != self._begun:
+            self._blank, self._begun = self._at_start(time, options), time
         self.options, self._step = options, options.step
         self.engine.draw(options.draw)
-        self.memory.clear()
-        w, n = self.w, self.n
+        self.memory.block[:] = self._blank
         self.y[:] = state
-        for slot, value in doubles_at_start(time, options).items():
-            w[slot] = value
-        for slot, count in integers_at_start(self.system.nv).items():
-            n[slot] = count
         self.events_seen = 0
         self._toward = math.nan
         self._approach = Approach(self._step, self.options.first < 1.0)
         self.before = 0
         self.pause: int | None = None
-        self._crowd = Crowd()
+        if self.system.events:
+            self._crowd = Crowd()
         if self.engine.updates is not None:
             self.engine.updates.begin(self.memory, time)
         if self.system.partition is not None:
             self.parameters.start(time, self.y)
+
+    def _at_start(self, time: float, options: Options) -> Array:
+        """Return the memory of a run as it begins, but for its state: one run after another begins alike."""
+        self.memory.clear()
+        for slot, value in doubles_at_start(time, options).items():
+            self.w[slot] = value
+        for slot, count in integers_at_start(self.system.nv).items():
+            self.n[slot] = count
+        return self.memory.block.copy()
 
     @property
     def time(self) -> float:

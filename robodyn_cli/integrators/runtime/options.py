@@ -154,6 +154,9 @@ def stretches(points: Sequence[float], time: float, end: float) -> Iterator[tupl
     Each is (where its last step ends, the first and the last time at which formulas are evaluated in it). At a
     breakpoint itself a formula has the value of one side; just inside the stretch it has its own.
     """
+    if not points:
+        yield end, -math.inf, math.inf
+        return
     first, last = bisect_right(points, time), bisect_left(points, end)
     for k in range(first, max(first, last) + 1):
         after = points[k - 1] + _beside(points[k - 1]) if k else -math.inf
