@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robodyn_cli.algorithms.kinematics import (
     BodyMotion,
     Pose,
@@ -36,6 +39,8 @@ from robodyn_cli.spatial.algebra import (
     vector,
     zeros,
 )
+
+EXPANDED = 10  # rows up to which a determinant is expanded as it stands
 
 
 class LoopRows:
@@ -212,9 +217,41 @@ def gram(psi: Matrix) -> Matrix:
 
 
 def determinant(A: Matrix) -> Any:
+    """Return the determinant: the product of those of the blocks on the diagonal, where rows and columns of a large
+    matrix have an order in which all other entries lie on one side of these (Duff, Erisman and Reid, Direct Methods for
+    Sparse Matrices, chapter 6)."""
+    if A.shape[0] <= EXPANDED:
+        return _expanded(A)
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+    entries = csr_matrix([[is_nonzero(x) for x in row] for row in A])
+    column_of = maximum_bipartite_matching(entries, perm_type="column")
+    if (column_of < 0).any():
+        return 0.0
+    _, block_of = connected_components(entries[:, column_of], connection="strong")
+    value: Any = parity(column_of)
+    for block in range(block_of.max() + 1):
+        rows = np.flatnonzero(block_of == block)
+        value = value * _expanded(A[np.ix_(rows, column_of[rows])])
+    return value
+
+
+def parity(order: Sequence[int] | NDArray[np.integer[Any]]) -> float:
+    """Return 1 where an order is made by an even number of swaps, else -1."""
+    seen, swaps = [False] * len(order), 0
+    for k in range(len(order)):
+        while not seen[k]:
+            seen[k] = True
+            k = int(order[k])
+            swaps += not seen[k]
+    return -1.0 if swaps % 2 else 1.0
+
+
+def _expanded(A: Matrix) -> Any:
     """Return the determinant by expansion along rows, minors shared; structural zeros cost nothing.
 
-    The work grows as n 2^n: meant for the passive block of a mechanism, n up to about 10.
+    The work grows as n 2^n: meant for n up to about 10.
     """
     n = A.shape[0]
     minors: dict[frozenset[int], Any] = {frozenset(): 1.0}

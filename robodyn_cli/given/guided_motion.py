@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robodyn_cli.algorithms.bands import parts
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError, listed
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions, leads_apart
@@ -55,8 +56,8 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     residuals = _residuals(conditions, places) if problem.model.closures else {}
 
     def near(times: Array, guess: Array) -> JointMotion | None:
-        found, good = Guide(conditions.at_times(times)).near(guess, times, slice(None))
-        return _motion_of(found) if good.all() else None
+        found, good = Guide(conditions.at_times(times)).near(guess, slice(None))
+        return JointMotion(*map(np.asfortranarray, (found.q, found.qd, found.qdd))) if good.all() else None
 
     planned = Planned(
         reached,
@@ -227,12 +228,14 @@ def _residuals(conditions: LoopConditions, places: Sequence[GuidedPlace]) -> dic
     """Return the largest residuals of position, velocity and acceleration conditions over the samples."""
     largest = np.zeros(3)
     if conditions.together:
-        samples = slice(len(places))
-        q, v, a = (np.array([getattr(place, name) for place in places]) for name in ("q", "v", "a"))
-        F, J = conditions.at_samples(q, samples)
-        c, b = conditions.rates_at_samples(q, v, samples)
-        rates = ((J @ x[..., None])[..., 0] - y for x, y in ((v, c), (a, b)))
-        largest = np.array([np.abs(x).max(initial=0.0) for x in (F, *rates)])
+        for samples in parts((len(places), len(conditions.sizes), len(conditions.lengths))):
+            q, v, a = (
+                np.array([getattr(place, name) for place in places[samples]]) for name in ("q", "v", "a")
+            )
+            F, J = conditions.at_samples(q, samples)
+            c, b = conditions.rates_at_samples(q, v, samples)
+            rates = ((J @ x[..., None])[..., 0] - y for x, y in ((v, c), (a, b)))
+            largest = np.maximum(largest, [np.abs(x).max(initial=0.0) for x in (F, *rates)])
         places = ()
     for place in places:
         F, J = conditions.at(place.q, place.t)

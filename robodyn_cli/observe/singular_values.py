@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from robodyn_cli.algorithms import bands
 from robodyn_cli.algorithms.kinematics import moved
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
@@ -125,15 +126,22 @@ class LeastNorm:
         return SampleKernel({"q": moved(problem.model, problem.q, problem.a)}, ("q", "a"))
 
 
-def singular_values(psi: Array, passive: Sequence[int] = (), rank: int | None = None) -> dict[str, Array]:
+def singular_values(
+    psi: Array | bands.Scattered, passive: Sequence[int] = (), rank: int | None = None
+) -> dict[str, Array]:
     """Return datasets by path: those of Psi (T, m, nv), and with ``passive`` coordinates those of their block.
 
     rank : how many count, where the others are zero in every pose.
     """
-    data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)[:, :rank]}
+    found = [_of_some(psi[part], passive, rank) for part in bands.parts(psi.shape)]
+    return {path: np.concatenate([data[path] for data in found]) for path in found[0]}
+
+
+def _of_some(psi: Array, passive: Sequence[int], rank: int | None) -> dict[str, Array]:
+    data = {"singularity/psi": bands.singular_values(psi)[:, :rank]}
     if passive:
         block = psi[:, :, list(passive)]
-        data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)[:, :rank]
+        data["singularity/passive"] = bands.singular_values(block)[:, :rank]
         if block.shape[1] == block.shape[2]:
-            data["singularity/determinant"] = np.linalg.det(block)
+            data["singularity/determinant"] = bands.determinants(block)
     return data

@@ -20,7 +20,7 @@ from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.record import record
 from robodyn_cli.solve import closure
 from robodyn_cli.solve.closure import RANK as RANK_TOLERANCE
-from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.closure import counted_rank, rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT
@@ -206,9 +206,10 @@ def rank_tolerances(problem: Problem, gap: Array) -> Array:
     return closure.rank_tolerances(problem.model, gap, RANK_TOLERANCE)
 
 
-def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:
-    """Return degrees of freedom by Gruebler's count and by the rank of the loops' Psi (m, nv), or (T, m, nv).
+def mobility(problem: Problem, sigma: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:
+    """Return degrees of freedom by Gruebler's count and by the rank of the loops' Psi.
 
+    sigma : its singular values in a pose (k,), or in several (T, k), largest first.
     count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
     and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
     vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank, which counts
@@ -216,9 +217,8 @@ def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) ->
     """
     nv, rows = problem.model.nv, len(problem.constraints.of_loops)
     vanishing = len(problem.constraints.dropped)
-    independent = rank(psi, tolerance)
-    sigma = np.linalg.svd(psi, compute_uv=False) if psi.ndim == 2 else np.empty(0)
-    relative = sigma / max(sigma.max(initial=0.0), 1e-300)
+    independent = counted_rank(sigma, tolerance)
+    relative = sigma / max(sigma.max(initial=0.0), 1e-300) if sigma.ndim == 1 else np.empty(0)
     return Mobility(
         coordinates=nv,
         rows=rows + vanishing,

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.algorithms import bands
 from robodyn_cli.expr.fixed import derived
 from robodyn_cli.expr.functions import maximum, sqrt
 from robodyn_cli.expr.graph import Expr, Scalar
@@ -39,7 +40,24 @@ def rank(A: Array, tolerance: float = RANK) -> int:
 
     A singular value counts if it exceeds ``tolerance`` times the largest one of its matrix.
     """
-    sigma = np.linalg.svd(A, compute_uv=False)
+    return counted_rank(bands.singular_values(A), tolerance)
+
+
+def least_step(J: Array, F: Array, cut: float | None = None) -> Array:
+    """Return the least step x (n,) with J x = F for one J (m, n), in the sense of least squares.
+
+    cut : ratio of singular values below which a direction is left alone; by default where rounding hides it.
+    """
+    if J.shape[0] == J.shape[1] and bands.Band.of(J[None]) is not None and np.isfinite(J).all():
+        sigma = bands.singular_values(J)
+        if sigma[-1] > RANK * sigma[0]:
+            return np.asarray(bands.solved(J[None], F[None])[0])
+    x, *_ = np.linalg.lstsq(J, F, rcond=cut)
+    return np.asarray(x)
+
+
+def counted_rank(sigma: Array, tolerance: float = RANK) -> int:
+    """Return the same from singular values (k,) or (T, k), largest first."""
     counted = sigma > tolerance * np.maximum(sigma[..., :1], 1e-300)
     return int(counted.sum(axis=-1).max(initial=0))
 
@@ -54,7 +72,7 @@ def regularity(A: Array) -> Array:
     """Return the ratios of least to largest singular value of matrices A (T, m, n), 0 of those that are not finite."""
     finite: Any = np.isfinite(A).all(axis=(1, 2))
     known: Array = np.where(finite[:, None, None], A, 0.0)
-    sigma = np.linalg.svd(known, compute_uv=False)
+    sigma = bands.singular_values(known)
     ratio: Array = sigma[:, -1] / np.maximum(sigma[:, 0], 1e-300)
     return ratio
 
@@ -254,7 +272,7 @@ def newton(
     for _ in range(ITERATIONS):
         if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < TINY or slow > patience:
             break
-        step, *_ = np.linalg.lstsq(J, -F, rcond=cut)
+        step = least_step(J, -F, cut)
         step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))
         dq = np.zeros(len(lengths))
         for _ in range(HALVINGS):
@@ -346,8 +364,8 @@ def least_steps(J: Array, F: Array) -> Array:
     steps: Array
     try:
         if m == n:
-            steps = np.linalg.solve(J, right)
-        elif m < n:
+            return bands.solved(J, F)
+        if m < n:
             transposed = np.swapaxes(J, 1, 2)
             steps = transposed @ np.linalg.solve(J @ transposed, right)
         else:

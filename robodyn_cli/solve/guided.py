@@ -13,11 +13,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.algorithms import bands
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import Conditions, least_steps
+from robodyn_cli.solve.closure import Conditions, least_step, least_steps
 from robodyn_cli.solve.sparse import FEWEST, NEAR, Strides, counted, interpolated, together
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.motion import JointMotion
 
 MISS = 0.08  # rad, or part of the mechanism's size, by which extrapolation may miss before the branch could change
 SINGULAR = 1e-8  # smallest over largest singular value of J
@@ -102,8 +104,11 @@ def same_branch(before: Array, after: Array) -> NDArray[np.bool_]:
 
     Where branches meet, a singular value passes zero, which changes the sign of det (J_0^T J).
     """
-    sign: Array = np.linalg.slogdet(np.swapaxes(before, 1, 2) @ after)[0]
-    return sign > 0.0
+    square = before.shape[1] == before.shape[2]
+    pairs = (before, after) if square else (np.swapaxes(before, 1, 2) @ after,)
+    signs: list[Array] = [bands.slogdet(x)[0] for x in pairs]
+    together: Array = np.prod(signs, axis=0)
+    return together > 0.0
 
 
 def newton_moves(conditions: Sizes, q: Array, F: Array, J: Array) -> Array:
@@ -122,7 +127,7 @@ def regular_places(conditions: Sizes, F: Array, J: Array) -> tuple[Any, Array]:
     J = np.where(regular[:, None, None], J, 0.0)
     regular = regular & (np.abs(F / conditions.sizes).max(axis=1, initial=0.0) < conditions.same)
     scaled = J * conditions.lengths / conditions.sizes[:, None]
-    sigma = np.linalg.svd(scaled, compute_uv=False)
+    sigma = bands.singular_values(scaled)
     regular = regular & (sigma[:, -1] > conditions.singular * sigma[:, 0])
     return regular & (sigma.shape[1] == J.shape[2]), scaled
 
@@ -159,7 +164,10 @@ def solve_together(conditions: SampledConditions, guess: Array, samples: slice) 
 
 @record
 class GuidedPlace:
-    """Position, rates and accelerations at one time, with J scaled to its rows' and coordinates' sizes."""
+    """Position, rates and accelerations at one time, with J scaled to its rows' and coordinates' sizes.
+
+    Where samples are solved together, J is that of the sample before from which the motion was followed.
+    """
 
     t: float
     q: Array
@@ -170,7 +178,7 @@ class GuidedPlace:
     @property
     def measure(self) -> float:
         """Smallest over largest singular value of J."""
-        s = np.linalg.svd(self.J, compute_uv=False)
+        s = bands.singular_values(self.J)
         return float(s[-1] / s[0]) if len(s) == self.J.shape[1] else 0.0
 
 
@@ -216,7 +224,7 @@ class Guide:
             if not np.all(np.isfinite(J)) or not np.isfinite(size):
                 return q, J, np.inf, np.inf
             self.iterations += 1
-            step, *_ = np.linalg.lstsq(self.scaled(J), -F / self.conditions.sizes, rcond=None)
+            step = least_step(self.scaled(J), -F / self.conditions.sizes)
             if float(np.abs(moved + step).max(initial=0.0)) > 1.0:
                 return q, J, size, np.inf
             trial = self.conditions.step(q, step * self.conditions.lengths)
@@ -233,9 +241,9 @@ class Guide:
     def place(self, q: Array, J: Array, t: float) -> GuidedPlace:
         """Return the place at a solution: rates, then accelerations."""
         c, b = self.conditions.rates(q, np.zeros(len(self.conditions.lengths)), t)
-        v, *_ = np.linalg.lstsq(J, c, rcond=None)
+        v = least_step(J, c)
         _, b = self.conditions.rates(q, v, t)
-        a, *_ = np.linalg.lstsq(J, b, rcond=None)
+        a = least_step(J, b)
         return GuidedPlace(t, q, v, a, self.scaled(J))
 
     def start(self, q: Array, t: float) -> GuidedPlace:
@@ -291,20 +299,30 @@ class Guide:
         here, at = slice(first, places[-1] + 1), [k - first for k in places]
         states = [(x.q, *self.conditions.manifold.rates(x.q, x.v, x.a)) for x in through]
         guess = interpolated(times[here], at, states)
-        found, good = self.near(guess, times[here], here)
+        found, good = self.near(guess, here)
         last = counted(good, at)
         if last < len(at) - 1:
             strides.length = 1
-        return found[1 : at[last] + 1] if last else []
+        before = np.searchsorted(at, np.arange(at[last] + 1), side="right") - 1
+        rows = zip(times[here].tolist(), found.q, found.qd, found.qdd, (through[k].J for k in before))
+        return [GuidedPlace(*row) for row in rows][1:]
 
-    def near(self, guess: Array, times: Array, samples: slice) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
-        """Return the places at samples near a guess (T, nq), and which of them count."""
-        here = solve_together(self.conditions, guess, samples)
-        self.iterations += here.rounds * len(guess)
-        good = here.regular & (here.moved <= NEAR)
-        good[1:] &= same_branch(here.J[:-1], here.J[1:])
-        rows = zip(times.tolist(), here.q, here.v, here.a, here.J)
-        return [GuidedPlace(*row) for row in rows], good
+    def near(self, guess: Array, samples: slice) -> tuple[JointMotion, NDArray[np.bool_]]:
+        """Return the motion at samples near a guess (T, nq), and which of them count."""
+        first = samples.start or 0
+        found: list[tuple[Array, ...]] = []
+        before: Array | None = None  # J at the sample before
+        for part in bands.parts((len(guess), len(self.conditions.sizes), len(self.conditions.lengths))):
+            here = solve_together(self.conditions, guess[part], slice(first + part.start, first + part.stop))
+            self.iterations += here.rounds * len(here.q)
+            good = here.regular & (here.moved <= NEAR)
+            good[1:] &= same_branch(here.J[:-1], here.J[1:])
+            if before is not None:
+                good[0] &= same_branch(before, here.J[:1])[0]
+            before = here.J[-1:].copy()
+            found.append((here.q, here.v, here.a, good))
+        q, v, a, good = (np.concatenate(x) for x in zip(*found))
+        return JointMotion(q, v, a), good
 
     def advance(self, now: GuidedPlace, end: float) -> GuidedPlace:
         """Return the place at time ``end``, in steps short enough to stay on the branch.

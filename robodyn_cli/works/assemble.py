@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.bands import singular_values
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import Evaluator, Values
@@ -278,7 +279,7 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
         if nearest is None
         else NearestClosure(nearest.starts, nearest.closed, nearest.distance),
         redundant_rows=list(closed.redundant),
-        mobility=mobility(problem, psi, tolerance),
+        mobility=mobility(problem, singular_values(psi), tolerance),
         undriven=_undriven(problem, closed.J, tolerance),
         mass_condition=_mass_condition(closed, tolerance),
         branches=ABSENT if branches is None else branches.described,

@@ -9,21 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.bands import Scattered
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.given.guided_motion import guided_motion, rounding_warnings
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
-from robodyn_cli.given.motion import (
-    Planned,
-    knot_places,
-    knots_of,
-    looked_at,
-    motion_duration,
-    plan_motion,
-)
+from robodyn_cli.given.motion import Planned, knot_places, knots_of, looked_at, motion_duration, plan_motion
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.observe.evaluation import SampleFunction, refuse_result
+from robodyn_cli.observe.evaluation import Outputs, SampleFunction, refuse_result
 from robodyn_cli.observe.observe import add_rows
 from robodyn_cli.observe.places import add_places, place_outputs, point_motion
 from robodyn_cli.observe.singular_values import singular_values
@@ -90,11 +84,11 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     with watch.stage("solve"):
         planned, led = plan(problem)
     with watch.stage("evaluate"):
-        arrays = evaluated(problem, planned)
+        arrays = _evaluated_sparsely(problem, planned)
         result = report(problem, planned, led, arrays)
         closer, looked = _closer(problem, planned, result)
     progress(float(planned.times[-1]), float(planned.times[-1]))
-    mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
+    mobile = mobility(problem, result["singularity/psi"]) if problem.constraints.of_loops else None
     summary = dataclasses.replace(summarise(problem, closer, looked, mobile), samples=len(planned.times))
     records: list[Any] = [summary]
     if scene.kinematics.design is not None:
@@ -148,7 +142,7 @@ def _closer(problem: Problem, planned: Planned, result: Result) -> tuple[Planned
         return planned, result
     if closer.stopped is not None:
         return planned, result
-    return closer, report(problem, closer, led, evaluated(problem, closer))
+    return closer, report(problem, closer, led, _evaluated_sparsely(problem, closer))
 
 
 def closer_times(problem: Problem, times: Array) -> Array:
@@ -156,10 +150,21 @@ def closer_times(problem: Problem, times: Array) -> Array:
     return looked_at(times, knots_of(problem.scene) if problem.scene.kinematics.sweep is None else ())
 
 
-def evaluated(problem: Problem, planned: Planned) -> dict[str, Array]:
-    """Return what is evaluated along a motion."""
-    function = SampleFunction(outputs(problem), MOTION_GROUPS, len(planned.times))
+def evaluated(problem: Problem, planned: Planned, own: Outputs | None = None) -> dict[str, Array]:
+    """Return what is evaluated along a motion; own : expressions by result path, by default ``outputs``."""
+    function = SampleFunction(outputs(problem) if own is None else own, MOTION_GROUPS, len(planned.times))
     return function.along(planned.times, planned.motion)
+
+
+def _evaluated_sparsely(problem: Problem, planned: Planned) -> dict[str, Any]:
+    """Return the same, with Psi by its entries: those of many loops are mostly zero."""
+    own = outputs(problem)
+    places = [k for k, x in enumerate(own["psi"]) if is_nonzero(x)]
+    own["psi"] = [own["psi"][k] for k in places]
+    arrays: dict[str, Any] = {**evaluated(problem, planned, own)}
+    m, nv = len(problem.constraints.of_loops), problem.model.nv
+    arrays["psi"] = Scattered(arrays["psi"], *np.divmod(np.array(places, dtype=np.intp), nv), (m, nv))
+    return arrays
 
 
 def plan(problem: Problem, times: Array | None = None) -> tuple[Planned, tuple[str, ...]]:
@@ -226,7 +231,7 @@ def outputs(problem: Problem) -> dict[str, list[Scalar]]:
     return {**place_outputs(problem), **point_motion(problem), **loops}
 
 
-def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Mapping[str, Array]) -> Result:
+def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Mapping[str, Any]) -> Result:
     """Return the datasets of a run; ``led`` are the velocity coordinates that lead."""
     scene = problem.scene
     result = Result.of("kinematics", scene, "ok" if planned.stopped is None else "failed")
@@ -238,7 +243,9 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
         add_rows(result, rows, {"constraints/position_residual": arrays["eta"]})
         passive = [k for k, name in enumerate(problem.model.v_names) if name not in led]
         leads = len(passive) < problem.model.nv
-        for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
+        own, m = arrays["psi"], len(rows)
+        psi = own if isinstance(own, Scattered) else own.reshape(len(own), m, problem.model.nv)
+        for path, data in singular_values(psi, passive if leads else ()).items():
             result.add(path, data)
     if scene.kinematics.transmission is not None:
         refuse_transmission(scene, arrays)
@@ -255,12 +262,6 @@ def refuse_transmission(scene: Scene, arrays: Mapping[str, Array]) -> None:
     """
     for pair in itertools.pairwise(scene.kinematics.transmission or ()):
         refuse_meeting(scene, arrays, pair, "kinematics.transmission")
-
-
-def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
-    """Return Psi of the loops (T, m, nv)."""
-    psi = arrays["psi"]
-    return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
 
 
 def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:

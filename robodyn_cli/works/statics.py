@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from robodyn_cli.algorithms.bands import singular_values
 from robodyn_cli.equations.contact_joints import contact_joints
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import torque_terms
@@ -223,7 +224,7 @@ def loops_at(state: AtRest) -> tuple[Array, Array]:
 def mobility_at(state: AtRest, eta: Array, psi: Array) -> Mobility:
     """Return the degrees of freedom of the configuration, with eta (m,) and Psi (m, nv) of its loops."""
     gap = np.abs(eta).max(initial=0.0)
-    return mobility(state.problem, psi, float(rank_tolerances(state.problem, gap)))
+    return mobility(state.problem, singular_values(psi), float(rank_tolerances(state.problem, gap)))
 
 
 def report(state: AtRest, loads: Loads | None) -> Result:

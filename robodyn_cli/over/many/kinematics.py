@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.bands import singular_values
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import witnessed
@@ -300,7 +301,7 @@ class ManyFigures:
         problem = self.structure.problem
         if not problem.constraints.of_loops:
             return {}
-        own = [as_keys(mobility(problem, self.psi[:, k])) for k in range(len(self.values))]
+        own = [as_keys(mobility(problem, singular_values(self.psi[:, k]))) for k in range(len(self.values))]
         return _exact({name: np.array([float(x[name]) for x in own]) for name in own[0]})
 
     def _samples(self, _: str) -> Figures:

@@ -1,0 +1,224 @@
+"""Matrices of mechanisms with many loops: each row holds few coordinates, so that rows and columns can be put in an
+order in which all entries lie in a narrow band about the diagonal.
+
+What is found there is what dense matrices give, but for rounding: singular values by reduction of the band to two
+diagonals (Golub and Van Loan, Matrix Computations, 4th ed., section 8.6; LAPACK's dgbbrd and dbdsqr), solutions and
+determinants by elimination with pivots inside the band (dgbtrf). Small matrices, and those without such an order, are
+left to numpy.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.constraints import parity
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+FEWEST = 64  # rows and columns from which on an order is looked for
+NARROW = (
+    12  # times the width of the band that rows and columns have to be, so that its reduction takes less time
+)
+AT_A_TIME = 1 << 21  # entries of matrices that are held at a time where samples are gone through in parts
+
+Places = NDArray[np.intp]
+
+
+@record
+class Band:
+    """An order in which entries lie from ``lower`` diagonals below the main one to ``upper`` above it.
+
+    size : of the square that holds the band; where a matrix is none, zeros stretch its shorter side. rows, columns :
+    places of entries that are not zero. along : the column of each in the band. across : the diagonal of each, the
+    uppermost first. row_order, column_order : which row and column of the matrix comes k-th.
+    """
+
+    size: int
+    rows: Places
+    columns: Places
+    along: Places
+    across: Places
+    row_order: Places
+    column_order: Places
+    lower: int
+    upper: int
+
+    @staticmethod
+    def of(A: Array) -> Band | None:
+        """Return the band of matrices A (T, m, n); None where they are small, or no narrow one is found."""
+        m, n = A.shape[1:]
+        if min(m, n) < FEWEST or not isinstance(A, np.ndarray) or not len(A):
+            return None  # arrays that record are none of numpy's
+        rows, columns = np.nonzero((A != 0.0).any(axis=0))
+        if NARROW * len(rows) > m * n:  # more entries than the widest band that pays has room for
+            return None
+        row_order, column_order = _orders(m, n, rows, columns)
+        size = max(m, n)
+        i, j = np.argsort(row_order)[rows] * size // m, np.argsort(column_order)[columns] * size // n
+        lower, upper = (int(x.max(initial=0)) for x in (i - j, j - i))
+        if NARROW * (lower + upper + 1) > min(m, n):
+            return None
+        return Band(size, rows, columns, j, upper + i - j, row_order, column_order, lower, upper)
+
+    def stored(self, A: Array, room: int = 0) -> Array:
+        """Return matrices A (T, m, n) as LAPACK stores bands (T, n, diagonals), with room above the diagonals."""
+        out = np.zeros((len(A), self.size, room + self.lower + self.upper + 1))
+        out[:, self.along, room + self.across] = A[:, self.rows, self.columns]
+        return out
+
+
+def _orders(m: int, n: int, rows: Places, columns: Places) -> tuple[Places, Places]:
+    """Return the order of rows and of columns in which entries come close to the diagonal (Cuthill and McKee)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    ends = np.concatenate([rows, m + columns]), np.concatenate([m + columns, rows])
+    graph = coo_matrix((np.ones(2 * len(rows)), ends), shape=(m + n, m + n)).tocsr()
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True)
+    return order[order < m].astype(np.intp), (order[order >= m] - m).astype(np.intp)
+
+
+@record
+class Scattered:
+    """Matrices (T, m, n) by those entries (T, k), at rows and columns (k,), that are not zero everywhere; a part of
+    them is an array."""
+
+    entries: Array
+    rows: Places
+    columns: Places
+    sides: tuple[int, int]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return len(self.entries), *self.sides
+
+    def __getitem__(self, part: slice) -> Array:
+        own = self.entries[part]
+        out = np.zeros((len(own), *self.sides))
+        out[:, self.rows, self.columns] = own
+        return out
+
+
+def parts(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Yield parts of samples whose matrices (T, m, n) are few enough to be held at a time; one of small matrices."""
+    some = max(1, AT_A_TIME // max(1, shape[1] * shape[2]))
+    for first in range(0, max(shape[0], 1), some):
+        yield slice(first, min(first + some, shape[0]))
+
+
+def singular_values(A: Array) -> Array:
+    """Return the singular values of a matrix (m, n), or of several (T, m, n), largest first.
+
+    Raises
+    ------
+    LinAlgError : an entry is not finite.
+    """
+    if A.ndim == 2:
+        own: Array = singular_values(A[None])[0]
+        return own
+    band = Band.of(A)
+    if band is None:
+        dense: Array = np.linalg.svd(A, compute_uv=False)
+        return dense
+    stored = band.stored(A)
+    if not np.isfinite(stored).all():
+        raise np.linalg.LinAlgError("an entry is not finite")
+    return np.array([_of_band(x, band)[: min(A.shape[1:])] for x in stored])
+
+
+def solved(A: Array, b: Array) -> Array:
+    """Return x (T, n) with A x = b for matrices A (T, n, n).
+
+    Raises
+    ------
+    LinAlgError : a matrix is singular.
+    """
+    band = Band.of(A)
+    if band is None:
+        dense: Array = np.linalg.solve(A, b[..., None])[..., 0]
+        return dense
+    from scipy.linalg.lapack import dgbtrs
+
+    x = np.empty_like(b)
+    for k, (factors, pivots) in enumerate(_eliminated(A, band)):
+        if not factors[band.lower + band.upper].all():
+            raise np.linalg.LinAlgError("singular matrix")
+        x[k, band.column_order], _ = dgbtrs(factors, band.lower, band.upper, b[k, band.row_order], pivots)
+    return x
+
+
+def slogdet(A: Array) -> tuple[Array, Array]:
+    """Return the signs (T,) of the determinants of matrices A (T, n, n), 0 of singular ones, and logarithms of their
+    sizes."""
+    band = Band.of(A)
+    if band is None:
+        dense: tuple[Array, Array] = np.linalg.slogdet(A)
+        return dense
+    order = parity(band.row_order) * parity(band.column_order)
+    swapped, found = np.arange(band.size), []
+    for factors, pivots in _eliminated(A, band):
+        diagonal = factors[band.lower + band.upper]
+        sign = order * (-1.0) ** np.count_nonzero(pivots != swapped) * np.sign(diagonal).prod()
+        found.append((sign, np.log(np.abs(diagonal)).sum() if sign else -np.inf))
+    both = np.array(found)
+    return both[:, 0], both[:, 1]
+
+
+def determinants(A: Array) -> Array:
+    """Return the determinants (T,) of matrices A (T, n, n)."""
+    if Band.of(A) is None:
+        dense: Array = np.linalg.det(A)
+        return dense
+    sign, log = slogdet(A)
+    return sign * np.exp(log)
+
+
+def _eliminated(A: Array, band: Band) -> Iterator[tuple[Array, Places]]:
+    """Yield the factors of each matrix (T, n, n), in a band, and which row was swapped with each."""
+    from scipy.linalg.lapack import dgbtrf
+
+    for stored in band.stored(A, room=band.lower):
+        factors, pivots, _ = dgbtrf(stored.T, band.lower, band.upper, overwrite_ab=True)
+        yield factors, pivots
+
+
+def _of_band(stored: Array, band: Band) -> Array:
+    """Return the singular values of one matrix in a band, which is overwritten."""
+    n, width, none = band.size, stored.shape[1], np.zeros(1)
+    values, beside, room = np.zeros(n), np.zeros(n), np.zeros(4 * n)
+    _call("dgbbrd", b"N", n, n, 0, band.lower, band.upper, stored, width, values, beside,
+          none, 1, none, 1, none, 1, room)  # fmt: skip
+    if _call("dbdsqr", b"U", n, 0, 0, 0, values, beside, none, 1, none, 1, none, 1, room):
+        raise np.linalg.LinAlgError("the singular values do not converge")
+    return values
+
+
+def _call(name: str, *arguments: bytes | int | Array) -> int:
+    """Call a routine of LAPACK that scipy has without a function of its own; returns what it says of its end."""
+    info = ctypes.c_int(0)
+    given: list[Any] = []
+    for x in arguments:
+        if isinstance(x, bytes):
+            given.append(ctypes.c_char_p(x))
+        else:
+            given.append(
+                ctypes.byref(ctypes.c_int(x)) if isinstance(x, int) else ctypes.c_void_p(x.ctypes.data)
+            )
+    _routine(name)(*given, ctypes.byref(info))
+    return info.value
+
+
+def _routine(name: str) -> Callable[..., None]:
+    from scipy.linalg import cython_lapack
+
+    capsule, python = cython_lapack.__pyx_capi__[name], ctypes.pythonapi
+    signature = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(("PyCapsule_GetName", python))
+    address = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+        ("PyCapsule_GetPointer", python)
+    )
+    return ctypes.CFUNCTYPE(None)(address(capsule, signature(capsule)) or 0)
