@@ -277,11 +277,14 @@ def _on_ground(view: View, pin: Pin, at: Array, r: float) -> list[Stroke]:
             at + (s + e) * along + 1.6 * r * down
             for s, e in ((reach.min(), -4.0 * r), (reach.max(), 4.0 * r))
         )
-        return [Stroke(hatching(a, b, down, size), GREY, 0.9, layer=2)]
+        return [Stroke(hatching(a, b, down, size), GREY, 0.9 * view.finer, layer=2)]
     if pin.kind not in ("hinge", "ball", "cross"):
         return []
     triangle, line = support(at, _down(view), size)
-    return [Stroke(triangle, INK, 1.0, "#e2e2e2", True, 2), Stroke(line, GREY, 0.9, layer=2)]
+    return [
+        Stroke(triangle, INK, view.finer, "#e2e2e2", True, 2),
+        Stroke(line, GREY, 0.9 * view.finer, layer=2),
+    ]
 
 
 def _down(view: View) -> Array:

@@ -144,7 +144,7 @@ class Several {
     const missing = this.boxes.flatMap((box, k) => (box.checked && this.shown.has(k) && !signal.lines.some((line) => line.of === k) ? [{ of: k }] : []));
     if (missing.length) parts.push(`Without such a signal: ${some(missing)}.`);
     const apart = found.filter((line) => line.x.length < 2 && (!reference || line.of !== reference.of));
-    if (apart.length) parts.push(`Not drawn, as samples are at other times or thinned: ${some(apart)}.`);
+    if (apart.length) parts.push(`Not drawn, as samples are at other times or thinned, and nothing says how far off a line between samples is: ${some(apart)}.`);
     if (wanted.some((line) => line.thinned)) parts.push("Lines are thinned to their smallest and largest samples.");
     if (!wanted.length) parts.push("No result is chosen that has this signal.");
     this.box.querySelector(".told").textContent = parts.join(" ");

@@ -380,7 +380,7 @@ class Strokes {
 
   /* What a joint on the ground stands on: a triangle, or below a slide the line that it slides along. */
   support(pin, at, r) {
-    const size = 11 * PT * Math.min(1, r / (3 * PT)), hatched = { colour: GREY, width: 1.2 };
+    const size = 11 * PT * Math.min(1, r / (3 * PT)), hatched = { colour: GREY, width: 1.2 * this.finer };
     if (pin.kind === "slide" || pin.kind === "sleeve") {
       const d = this.direction(pin, 0);
       if (!d) return;
@@ -390,7 +390,7 @@ class Strokes {
     } else if (["hinge", "ball", "cross"].includes(pin.kind)) {
       const down = this.view.down(), across = leftOf(down), foot = along(at, down, size);
       const [left, right] = [along(foot, across, 0.62 * size), along(foot, across, -0.62 * size)];
-      this.add(path([at, left, right], true), "ground", 0, { width: 1.3, fill: mixed(INK, PAPER, 0.86) });
+      this.add(path([at, left, right], true), "ground", 0, { width: 1.3 * this.finer, fill: mixed(INK, PAPER, 0.86) });
       this.add(hatching(along(left, across, 0.3 * size), along(right, across, -0.3 * size), down, size), "ground", 0, hatched);
     }
   }
