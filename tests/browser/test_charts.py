@@ -211,3 +211,16 @@ def test_plots_that_are_not_over_time_need_no_script(planar: tuple[Result, Path]
         assert shown.count() == 1 and shown.locator("path, image").count() > 3, figures.nth(k).text_content()
     assert not page.locator(".chart:visible, .scene:visible").count()
     context.close()
+
+
+def test_curves_of_a_picture_are_saved(planar: tuple[Result, Path], opened: Opener) -> None:
+    """The path of the tip is not over time: its places are in the file as in the result."""
+    result, target = planar
+    page = opened(target)
+    plot = page.locator("figure.plot").filter(has=page.get_by_role("heading", name="Tip path", exact=True))
+    heads, rows = table(saved(page, plot, "CSV"))
+    (name,) = result.group("points")
+    assert heads == [f"{name}: x [m]", f"{name}: y [m]"]
+    places = result[f"points/{name}"][:, :2]
+    gaps = np.linalg.norm(rows[:, None] - places, axis=2)
+    assert len(rows) > 20 and gaps.min(axis=1).max() < 0.05 and gaps[[0, -1], [0, -1]].max() < 1e-6

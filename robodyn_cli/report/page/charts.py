@@ -104,9 +104,42 @@ def chart_data(figure: Figure, arrays: Arrays) -> dict[str, Any] | None:
     return {"panels": [_panel(ax, legend, arrays) for ax in panels], "legend": legend}
 
 
+MOST_POINTS = 20_000  # of the curves of a picture, whose numbers the page has too
+
+
+def curves_data(figure: Figure, arrays: Arrays) -> list[dict[str, Any]]:
+    """Return the curves of a figure that is a picture, each with its name and the labels of its axes, for a file of
+    their numbers: those that the legend names, or all where there is none. None of them where there are very many
+    points; arrays go into ``arrays``."""
+    named = {
+        _look(_entry(handle, "")): text
+        for box in figure.legends
+        for handle, text in zip(box.legend_handles, _texts(box))
+        if isinstance(handle, Line2D)
+    }
+    found: list[tuple[str, str, str, Array, Array]] = []
+    for ax in figure.axes:
+        # of panels above one another the lowest is labelled; what is seen in perspective has no axes
+        below = (one.get_xlabel() for one in figure.axes if one.get_xlim() == ax.get_xlim())
+        across, label = ax.get_xlabel() or next(filter(None, below), ""), ax.get_ylabel()
+        for line in ax.lines if across and label else ():
+            own = line.get_transform().contains_branch_seperately(ax.transData) == (True, True)
+            name = named.get(_look(_style(line)), "" if named else f"curve {len(found) + 1}")
+            x, y = (np.asarray(part, dtype=float) for part in line.get_data(orig=False))
+            if own and name and len(x) > 2:
+                title = " ".join(ax.get_title(loc="left").split())
+                found.append((f"{title}: {name}" if title else name, across, label, x, y))
+    if sum(len(x) for *_, x, _ in found) > MOST_POINTS:
+        return []
+    return [
+        {"name": name, "across": across, "label": label, "x": arrays.put(x), "y": arrays.put(y)}
+        for name, across, label, x, y in found
+    ]
+
+
 def is_thinned(chart: dict[str, Any]) -> bool:
     """Tell whether lines of a chart have fewer points than the figure."""
-    return any(line["thinned"] for panel in chart["panels"] for line in panel["lines"])
+    return any(line["thinned"] for panel in chart.get("panels", ()) for line in panel["lines"])
 
 
 def captions(figure: Figure) -> list[str]:

@@ -44,7 +44,8 @@ function start() {
     let cursor = new Cursor();
     for (const figure of section.querySelectorAll("[data-figure]")) {
       const data = figures[Number(figure.dataset.figure)];
-      if (data.panels) new Chart(figure, chartOf(data, arrays), cursor);
+      if (data.curves) saveable(figure, { ...data, curves: data.curves.map((curve) => withArrays(curve, arrays, ["x", "y"])) });
+      else if (data.panels) new Chart(figure, chartOf(data, arrays), cursor);
       else cursor = new Cursor(new Player(figure, drawingOf(data, arrays)));
     }
     cursors.set(section, cursor);

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robodyn_cli.report.page import tables
-from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
+from robodyn_cli.report.page.charts import Store, captions, chart_data, curves_data, is_thinned
 from robodyn_cli.report.page.tables import Html, element, markup
 from robodyn_cli.report.plots.mechanism import mechanism_alone
 from robodyn_cli.report.registry import applicable, draw
@@ -47,7 +47,9 @@ def plot_of(result: Result, name: str, store: Store) -> Html:
         None if data is None else element("div", class_="chart"),
         store.picture(figure, title) if data is None else store.spare(figure, title),
     ]
-    number_of = None if data is None else store.add({**data, "name": title})
+    drawn = {"curves": curves_data(figure, store.arrays)} if data is None else data
+    there = data is not None or drawn["curves"]
+    number_of = store.add({**drawn, "name": title}) if there else None
     return element("figure", content, class_="plot", data_figure=number_of)
 
 

@@ -80,26 +80,46 @@ async function savePicture({ svg, width, height }, name) {
   canvas.toBlob((blob) => save(blob, name), "image/png");
 }
 
+/* The curves of a picture as a table: two columns for each, what it is over and what it is. */
+function tableOfCurves(curves) {
+  const heads = curves.flatMap(({ name, across, label }) => [`${name}: ${across}`, `${name}: ${label}`]);
+  const rows = Array.from({ length: Math.max(...curves.map(({ x }) => x.length)) }, (_, k) => (
+    curves.flatMap(({ x, y }) => (k < x.length ? [digitsOf(x, k), digitsOf(y, k)] : ["", ""])).join(",")));
+  return [heads.map(cell).join(","), ...rows, ""].join("\r\n");
+}
+
+/* A button with words for those who do not see it. */
+function toolOf(word, label, act) {
+  const one = Object.assign(document.createElement("button"), { type: "button", textContent: word, title: label });
+  one.setAttribute("aria-label", label);
+  one.addEventListener("click", act);
+  return one;
+}
+const fileOf = (title, kind) => `${title.replace(/[^\p{L}\p{N}]+/gu, "_").slice(0, 80)}.${kind}`;
+
+/* The row below a picture, with a file of its numbers. */
+function saveable(figure, { curves, name }) {
+  const row = Object.assign(document.createElement("p"), { className: "tools" }), heading = figure.closest("section")?.querySelector("h1, h2");
+  const title = [heading?.textContent, name].filter(Boolean).join(": ");
+  row.append(toolOf("CSV", `Save ${name} as CSV`, () => save(new Blob([tableOfCurves(curves)], { type: "text/csv" }), fileOf(title, "csv"))));
+  figure.append(row);
+}
+
 /* The row below a chart: which span is seen, the way back to all of it, and files of what is seen. */
 class Tools {
   constructor(chart) {
     this.chart = chart;
-    const row = document.createElement("p"), button = (word, label, act) => {
-      const one = Object.assign(document.createElement("button"), { type: "button", textContent: word, title: label });
-      one.setAttribute("aria-label", label);
-      one.addEventListener("click", act);
-      return one;
-    };
+    const row = document.createElement("p");
     row.className = "tools";
     this.span = Object.assign(document.createElement("span"), { className: "span" });
     this.span.setAttribute("role", "status");
-    this.back = button("all of it", "See all of it", () => chart.cursor.look(null));
+    this.back = toolOf("all of it", "See all of it", () => chart.cursor.look(null));
     this.back.hidden = true;
-    const file = (kind) => `${chart.title.replace(/[^\p{L}\p{N}]+/gu, "_").slice(0, 80)}.${kind}`, name = chart.data.name;
+    const file = (kind) => fileOf(chart.title, kind), name = chart.data.name;
     row.append(this.span, this.back,
-      button("CSV", `Save ${name} as CSV`, () => this.made(() => save(new Blob([tableOf(chart)], { type: "text/csv" }), file("csv")))),
-      button("SVG", `Save ${name} as SVG`, () => this.made(() => save(new Blob([pictureOf(chart).svg], { type: "image/svg+xml" }), file("svg")))),
-      button("PNG", `Save ${name} as PNG`, () => this.made(() => savePicture(pictureOf(chart), file("png")))));
+      toolOf("CSV", `Save ${name} as CSV`, () => this.made(() => save(new Blob([tableOf(chart)], { type: "text/csv" }), file("csv")))),
+      toolOf("SVG", `Save ${name} as SVG`, () => this.made(() => save(new Blob([pictureOf(chart).svg], { type: "image/svg+xml" }), file("svg")))),
+      toolOf("PNG", `Save ${name} as PNG`, () => this.made(() => savePicture(pictureOf(chart), file("png")))));
     chart.box.after(row);
     this.tell();
   }
