@@ -33,6 +33,9 @@ DECIDES = 0.5  # of the growth of the steps, as a power: below it something else
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 FIRST_STEPS = 0.4  # times the first steps, at the start and behind events: else both runs share their errors
 ONCE_TIGHTER, ONCE_FINER = 4.0, 1.5  # times the tolerance and the steps of second integrations, of third ones
+STEEP_TIGHTER = (
+    20.0  # the same on steep slopes, where a tolerance little tighter leaves many steps as they are
+)
 HIGH_ORDER = 7
 
 Integers = NDArray[np.int64]
@@ -65,15 +68,14 @@ class First:
             return options.rtol < FINEST_RTOL
         return options.rtol / self.tighter < TIGHTEST_RTOL
 
-    @property
-    def once_more(self) -> Self:
+    def once_more(self, steep: bool = False) -> Self:
         """The same for third integrations: they differ as second ones do, from these by their tolerance, where that
         says more than rounding, or their step, and by the draw of rounding."""
         own = self.options
         if own.step is not None:
             own = dataclasses.replace(own, step=own.step / ONCE_FINER)
-        elif own.rtol >= ONCE_TIGHTER * FINEST_RTOL:
-            own = dataclasses.replace(own, rtol=own.rtol / ONCE_TIGHTER, atol=own.atol / ONCE_TIGHTER)
+        elif own.rtol >= (tighter := STEEP_TIGHTER if steep else ONCE_TIGHTER) * FINEST_RTOL:
+            own = dataclasses.replace(own, rtol=own.rtol / tighter, atol=own.atol / tighter)
         return dataclasses.replace(self, options=dataclasses.replace(own, draw=1))
 
 

@@ -303,6 +303,6 @@ def _larger(one: Array, two: Array) -> Array:
 def _third_run(motion: Motion, first: FirstRun, tick: Tick) -> Second | None:
     """Return a third integration, None where it did not come to the end."""
     try:
-        return second_run(motion, first.once_more, tick)
+        return second_run(motion, first.once_more(motion.is_steep), tick)
     except SecondFailed:
         return None

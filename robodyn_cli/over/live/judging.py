@@ -124,7 +124,7 @@ class Judging:
             shared |= {"picture": self._picture(), "shown": self.shown}
         else:
             self._record_course()
-            third = self._first_of(Tape())[1].once_more
+            third = self._first_of(Tape())[1].once_more(self.motion.is_steep)
             shared |= {
                 "third": self._attempts("third", third), "samples": self.sampling_count,
                 "shown": self.shown, "every": self.sampling_count // self.shown,

@@ -162,7 +162,7 @@ class _Judge:
         courses, doubt = courses.settled(floor, steep)
         if len(rows := np.flatnonzero(done & doubt)):
             few = self.part(rows)
-            third, ended = few._again(few.first.once_more)
+            third, ended = few._again(few.first.once_more(steep))
             more = np.zeros_like(courses.apart)
             more[rows[ended]] = few._courses(third).apart[ended]
             made = np.zeros(len(courses.apart), dtype=bool)
