@@ -178,15 +178,23 @@ def make_room(ax: Axes, shown: DrawnCurves) -> None:
         ax.autoscale_view(scalex=False)
 
 
-def fit_axis(ax: Axes, shown: DrawnCurves, magnitudes: bool = False) -> None:
-    """Give an axis the size of the peers where its curves do not vary by more than their error or rounding."""
-    low, high = (float(f(shown.data, initial=x)) for f, x in ((np.nanmin, np.inf), (np.nanmax, -np.inf)))
-    least, size = float(shown.least.max(initial=0.0)), float(shown.size.max(initial=0.0)) or 1.0
+def fit_axis(ax: Axes, *curves: DrawnCurves, magnitudes: bool = False) -> None:
+    """Give an axis the size of the peers where its curves do not vary by more than their error or rounding, and room
+    for all that is drawn."""
+    low = min(float(np.nanmin(shown.data, initial=np.inf)) for shown in curves)
+    high = max(float(np.nanmax(shown.data, initial=-np.inf)) for shown in curves)
+    least = max(float(shown.least.max(initial=0.0)) for shown in curves)
+    size = max(float(shown.size.max(initial=0.0)) for shown in curves) or 1.0
     if not high - low > 2.0 * least:
         middle = 0.5 * (low + high) if np.isfinite(low + high) else 0.0
         # the line at zero lies beside the axis, not behind it
         ends = (-0.04, 1.0) if magnitudes and middle == 0.0 else (-1.0, 1.0) if middle == 0.0 else (-0.1, 0.1)
-        ax.set_ylim(middle + ends[0] * size, middle + ends[1] * size)
+        bottom, top = middle + ends[0] * size, middle + ends[1] * size
+        drawn = ax.dataLim.intervaly
+        room = 0.05 * (max(top, drawn[1]) - min(bottom, drawn[0]))
+        ax.set_ylim(
+            drawn[0] - room if drawn[0] < bottom else bottom, drawn[1] + room if drawn[1] > top else top
+        )
 
 
 def fit_log_axis(

@@ -123,3 +123,7 @@ def draw_limits(ax: Axes, near: dict[str, list[float]], names: Sequence[str], ha
     for name, handle in zip(names, handles):
         for level in near.get(name, ()):
             ax.axhline(level, color=handle.get_color(), linewidth=1.3, linestyle=(0, (1, 1.5)), zorder=1.5)
+            low, high = ax.get_ylim()
+            if not low <= level <= high:
+                room = 0.05 * max(high - level, level - low)
+                ax.set_ylim(min(low, level - room), max(high, level + room))

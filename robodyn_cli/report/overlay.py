@@ -141,7 +141,7 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
         handles = [
             ax.plot(*envelope(*one.lines(time)[0]), **look)[0] for (time, one), look in zip(drawn, looks)
         ]
-        fit_axis(ax, max((one for _, one in drawn), key=lambda one: float(np.ptp(one.data))))
+        fit_axis(ax, *(one for _, one in drawn))
         for (time, one), handle, result in zip(drawn, handles, results.values()):
             x, y = one.lines(time)[0]
             kept = x <= meaningful_until(result.summary)

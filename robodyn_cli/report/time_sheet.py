@@ -229,7 +229,7 @@ class TimeSheet(Sheet):
         styles = styles or self.looks.lines(shown.names)
         handles = draw_lines(ax, self._result.time, shown.lines(self._result.time), styles)
         make_room(ax, shown)
-        fit_axis(ax, shown, magnitudes)
+        fit_axis(ax, shown, magnitudes=magnitudes)
         self._drawn.append((ax, self._result.time, shown, handles))
         return handles
 
