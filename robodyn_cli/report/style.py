@@ -117,7 +117,12 @@ def dashed_style(index: int) -> dict[str, Any]:
     return {"color": COLOURS[place], "linestyle": DASHES[(place + 3 * lap) % FEW]}
 
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUPERSCRIPT = str.maketrans("-\N{MINUS SIGN}.0123456789", "⁻⁻·⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def raised(exponent: str) -> str:
+    """Return a number as an exponent: ``1.3`` -> ``¹·³``."""
+    return exponent.translate(_SUPERSCRIPT)
 
 
 def unit(units: str) -> str:

@@ -47,3 +47,35 @@ def test_limits_of_joints_that_rest_are_within_the_axes() -> None:
     result.add("joint_limits/effort", [12.5], units="N m", names=("a",))
     (ax,) = draw(result, "torques").axes
     assert len(ax.lines) >= 2 and not _cut(ax)
+
+
+def test_curves_of_growth_have_looks_and_words_of_their_own() -> None:
+    names = [f"m{k}" for k in range(9)]
+    facts = [
+        {"method": n, "steps": 9, "exponent": p, "status": "ok"} for n, p in zip(names, [1.3, -0.04] * 5)
+    ]
+    result = Result("stability", "arm", "ok", "")
+    result.summary = {"energy_growth": {"methods": facts, "period": {"seconds": 1.0, "source": "s"}}}
+    for k, name in enumerate(names):
+        result.add(f"energy_growth/{name}/periods", np.arange(20.0))
+        result.add(f"energy_growth/{name}/error", np.arange(20.0) * 10.0 ** -(k + 2))
+    figure = draw(result, "energy_growth")
+    assert len({line.get_color() for line in figure.axes[0].lines}) == len(names)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels[:2] == ["m0, ~t¹·³", "m1, ~t⁰"]
+
+
+def test_the_label_of_errors_of_methods_is_whole() -> None:
+    result = Result("stability", "arm", "ok", "")
+    row = {
+        "method": "rk4",
+        "status": "stable",
+        "relative": 1e-6,
+        "chosen": None,
+        "until": 1.0,
+        "honest": True,
+    }
+    result.summary = {"methods": [row], "reference": None}
+    figure = draw(result, "stability_methods")
+    assert figure.axes[0].get_xlabel() == "largest relative error [1]"
+    assert any(text.get_text().startswith("Bars: ") for text in figure.texts)

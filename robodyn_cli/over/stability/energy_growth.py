@@ -34,7 +34,8 @@ def period(ref: TrialReference | None, spectrum: Spectrum | None, duration: floa
             if turns >= CROSSINGS:
                 periods.append(2.0 * ref.until / turns)
         if periods:
-            return Period(max(periods), "passes of the joints through the middle of their motion")
+            words = "twice the mean time between passes of the slowest coordinate through its mean"
+            return Period(max(periods), words)
     if spectrum is not None and len(spectrum.eigenvalues):
         rates = np.abs(spectrum.eigenvalues[0].imag)
         rates = rates[rates > 1e-6 * max(float(rates.max(initial=0.0)), 1.0 / duration)]

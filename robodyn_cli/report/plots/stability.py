@@ -14,7 +14,16 @@ from robodyn_cli.report.analysis import LEAST, STATUS, bar_beside, fit_label, po
 from robodyn_cli.report.canvas import CHARACTER, Sheet
 from robodyn_cli.report.format import current
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import GREY, MARKERS, PlainFormatter, dashed_style, number
+from robodyn_cli.report.style import (
+    BLACK,
+    FEW,
+    GREY,
+    MARKERS,
+    PlainFormatter,
+    dashed_style,
+    number,
+    raised,
+)
 from robodyn_cli.results.result import Result
 
 # step limits that are drawn
@@ -125,7 +134,11 @@ def stability_methods(result: Result) -> Figure:
         if ref
         else "no reference: no two methods get through at tight tolerance"
     )
-    sheet = Sheet(result, told, height=0.32 * len(rows))
+    bars = (
+        "Bars: largest error of a run at default settings, over the range of its quantity; "
+        "beyond the dashed line: inaccurate"
+    )
+    sheet = Sheet(result, told, height=0.32 * len(rows), captions=[bars])
     width, left = current().width, 0.25 + CHARACTER * max(len(row["method"]) for row in rows)
     brief = width < ROOMY  # leaves out what stands behind the status
     ax, box = sheet.ax, sheet.ax.get_position()
@@ -153,8 +166,7 @@ def stability_methods(result: Result) -> Figure:
     ax.set_ylim(len(rows) - 0.45, -0.55)
     ax.grid(False, axis="y")
     ax.locator_params(axis="x", numticks=3 if brief else 6)
-    most = "largest relative error" if brief else "largest error over the range of its quantity"
-    fit_label(ax, "x", most if brief else f"{most}; beyond the dashed line: inaccurate")
+    fit_label(ax, "x", "largest relative error [1]")
     return sheet.figure
 
 
@@ -172,11 +184,12 @@ def energy_growth(result: Result) -> Figure:
         labels[name] += "" if np.any(result[f"energy_growth/{name}/error"]) else ", zero"
     period = result.summary["energy_growth"]["period"]
     text = f"a period is {number(period['seconds'], 4)} s: {period['source']}"
-    sheet, handles = Sheet(result, text, height=3.3, labels=list(labels.values())), []
+    grows = "~tᵖ: the error grows like this power of time t over the last nine tenths of the run"
+    sheet, handles = Sheet(result, text, height=3.3, labels=list(labels.values()), captions=[grows]), []
     ax = sheet.ax
     for k, (name, label) in enumerate(labels.items()):
         t, error = result[f"energy_growth/{name}/periods"][1:], result[f"energy_growth/{name}/error"][1:]
-        handles += ax.plot(t, np.maximum.accumulate(error), label=label, **dashed_style(k))
+        handles += ax.plot(t, np.maximum.accumulate(error), label=label, **_look(k))
     ax.set_xscale("log")
     ax.set_yscale("log", nonpositive="mask")  # no line before the first error that is not zero
     ax.set_ylim(bottom=LEAST)
@@ -187,8 +200,13 @@ def energy_growth(result: Result) -> Figure:
     return sheet.figure
 
 
+def _look(k: int) -> dict[str, Any]:
+    """Return the look of the k-th method: where colours repeat, black, as no sum is drawn here."""
+    return {**dashed_style(k), **({"color": BLACK} if k >= FEW else {})}
+
+
 def _label(name: str, facts: Mapping[str, Any]) -> str:
-    power = "" if facts["exponent"] is None else f", ~t^{facts['exponent']:.1f}"
+    power = "" if facts["exponent"] is None else f", ~t{raised(number(round(facts['exponent'], 1) + 0.0))}"
     ended = "" if facts["status"] == "ok" else f", {facts['status'].replace('_', ' ')}"
     return f"{name}{power}{ended}"
 
