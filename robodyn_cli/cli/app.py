@@ -92,7 +92,9 @@ class Commands(ReadsAtOnce, TyperGroup):
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        if args[0] not in COMMANDS:
+        if ctx.resilient_parsing and args[0] == HELP:
+            return None, None, []  # the shell asks what follows: the names of commands
+        if args[0] not in COMMANDS and not ctx.resilient_parsing:
             ctx.fail(f"No such command {args[0]!r}{did_you_mean(args[0], COMMANDS)}.")
         return super().resolve_command(ctx, args)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
+from robodyn_cli.cli import offers
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.plot_options import NoPlots, NoTitles, PlotFormat, PlotNames, PlotStyle, PlotWidth
 from robodyn_cli.cli.runner import SceneRun, default_directory
@@ -119,22 +120,6 @@ StoredResults = Annotated[
 ]
 
 
-# by the shells' scripts: the line as it stands
-LINES = ("COMP_WORDS", "_TYPER_COMPLETE_ARGS")
-
-
-def complete_keys(incomplete: str) -> list[str]:
-    """Return the keys of the scene on the line, for the shell.
-
-    The parser stops at an option without a value, so the scene is the first word of the line that is a YAML file.
-    """
-    from robodyn_cli.scene.text.offered import offered_keys
-
-    words = [word.strip("'\"") for name in LINES for word in os.environ.get(name, "").split()]
-    scene = next((word for word in words if word.endswith((".yaml", ".yml"))), None)
-    return [] if scene is None else offered_keys(os.path.expanduser(scene), incomplete)
-
-
 OutDir = Annotated[
     Path | None,
     typer.Option("--out", "-o", metavar="DIR", help="Output directory. [default: outputs/<scene>/<command>]"),
@@ -145,7 +130,7 @@ Overrides = Annotated[
         "--set",
         metavar="KEY=VALUE",
         parser=utf8,
-        autocompletion=complete_keys,
+        autocompletion=offers.keys,
         help="Override a key of the scene, e.g. simulate.rtol=1e-12.",
     ),
 ]
@@ -165,6 +150,7 @@ LiveKeys = Annotated[
         "--live",
         metavar="KEY=LOW:HIGH",
         parser=_live_key,
+        autocompletion=offers.keys,
         help="Let the scene run in the page with other values of this key; repeat for more keys.",
         default_factory=list,
         show_default=False,

@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import begun_by, listed_of, one_of
 from robodyn_cli.commands import COMMANDS, PLOT_FORMATS, PLOT_STYLES
 from robodyn_cli.errors import did_you_mean
-
-
-def choice(*allowed: str) -> Callable[[str], str]:
-    """Return the parser of one of some words: a function that raises BadParameter for any other."""
-
-    def read(word: str) -> str:
-        if word not in allowed:
-            raise typer.BadParameter(f"{word!r}; allowed: {', '.join(allowed)}")
-        return word
-
-    return read
 
 
 def plot_list(words: str) -> tuple[str, ...]:
@@ -41,17 +30,8 @@ def plot_list(words: str) -> tuple[str, ...]:
     return names
 
 
-def beginning(names: Iterable[str], begun: str) -> list[str]:
-    """Return the names that a shell offers for the begin of one."""
-    return [name for name in names if name.startswith(begun)]
-
-
-def complete_plots(incomplete: str) -> list[str]:
-    """Return the plots that begin with the last name of a list with commas, behind the others, for the shell."""
-    before, comma, begun = incomplete.rpartition(",")
-    names = dict.fromkeys(place.partition(":")[2] for row in COMMANDS.values() for place in row.plots)
-    return [f"{before}{comma}{name}" for name in beginning(names, begun)]
-
+# by name, without what draws them
+KNOWN = dict.fromkeys(place.partition(":")[2] for row in COMMANDS.values() for place in row.plots)
 
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
 PlotNames = Annotated[
@@ -60,27 +40,22 @@ PlotNames = Annotated[
         "--plots",
         metavar="NAME,...",
         parser=plot_list,
-        autocompletion=complete_plots,
+        autocompletion=listed_of(begun_by(KNOWN)),
         help="Draw these plots. [default: all]",
     ),
 ]
 PlotFormat = Annotated[
     str,
-    typer.Option(
-        "--format",
-        metavar="KIND",
-        parser=choice(*PLOT_FORMATS),
-        help="Kind of file of plots: png, svg or pdf.",
-    ),
+    one_of("--format", *PLOT_FORMATS, metavar="KIND", help="Kind of file of plots: png, svg or pdf."),
 ]
 
 
 PlotStyle = Annotated[
     str,
-    typer.Option(
+    one_of(
         "--style",
+        *PLOT_STYLES,
         metavar="NAME",
-        parser=choice(*PLOT_STYLES),
         help="Of plots: screen; paper (3.5 in, no titles, fine pixels); slides (5 in).",
     ),
 ]

@@ -352,22 +352,34 @@ def design_lines(summary: Mapping[str, Any]) -> list[str]:
         )
         for joint, ends in one["joints"].items():
             if ends["lower"] is not None:
-                near = (
-                    ""
-                    if ends["distance"] is None
-                    else f", motion within {number(ends['distance'], 4)} of one"
-                )
                 lines.append(
-                    f"    {joint}: dead points at {number(ends['lower'])} and {number(ends['upper'])}{near}"
+                    f"    {joint}: dead points at {number(ends['lower'])} and {number(ends['upper'])}"
+                    f"{bound_text(ends['error'])}{_nearest(ends['distance'], ends['distance_error'])}"
                 )
     for name, points in (design.get("dead_points") or {}).items():
         lines.append(
-            f"  dead points        {name}: at t = {', '.join(number(one['time']) for one in points)} s"
+            f"  dead points        {name}: at t = "
+            f"{', '.join(number(one['time']) + bound_text(one['time_error']) for one in points)} s"
         )
     for path, one in (design.get("unbounded") or {}).items():
-        when = "at all times" if one["throughout"] else f"at t = {', '.join(map(number, one['times']))} s"
+        times = f"{', '.join(map(number, one['times']))}{bound_text(one['error'])}"
+        when = "at all times" if one["throughout"] else f"at t = {times} s"
         lines.append(f"  unbounded          {path}: {when}")
     return lines
+
+
+def _with_error(figures: Mapping[str, Any], key: str) -> str:
+    return f"{number(figures[key])}{bound_text(figures['errors'].get(key))}"
+
+
+def _nearest(distance: float | None, error: float | None) -> str:
+    """Return how near a motion comes to a dead point, or that it reaches it or goes beyond."""
+    if distance is None:
+        return ""
+    if abs(distance) <= (error or 0.0):
+        return f", reached by the motion{bound_text(error)}"
+    beyond = "gone beyond by" if distance < 0.0 else "motion within"
+    return f", {beyond} {number(abs(distance), 4)}{bound_text(error)}{' of one' if distance > 0.0 else ''}"
 
 
 def balance_lines(summary: Mapping[str, Any]) -> list[str]:
@@ -376,13 +388,17 @@ def balance_lines(summary: Mapping[str, Any]) -> list[str]:
     if shaking := summary.get("shaking"):
         moment = shaking.get("peak_moment")
         lines.append(
-            f"  shaking            force up to {number(shaking['peak_force'])} N"
-            + ("" if moment is None else f", moment up to {number(moment)} N m about {shaking['about']}")
+            f"  shaking            force up to {_with_error(shaking, 'peak_force')} N"
+            + (
+                ""
+                if moment is None
+                else f", moment up to {_with_error(shaking, 'peak_moment')} N m about {shaking['about']}"
+            )
         )
     if wheel := summary.get("flywheel"):
         lines.append(
             f"  flywheel           {number(wheel['inertia'])} kg m^2 (+- {error_text(wheel['errors']['inertia'])}) on "
-            f"{wheel['joint']}, takes up {number(wheel['energy'])} J"
+            f"{wheel['joint']}, takes up {_with_error(wheel, 'energy')} J"
         )
     for name, one in (summary.get("fluctuation") or {}).items():
         error = "" if one["error"] is None else f" (+- {error_text(one['error'])})"

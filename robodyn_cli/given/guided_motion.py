@@ -196,15 +196,18 @@ def explain(
     loops = rows[: len(conditions.names) - conditions.led]
     loop = closure_of(conditions.names[int(np.argmax(loops))]) if len(loops) else "none"
     last = stuck.last
+    when = f"at t = {stuck.time:.9g} s"
+    if last is not None and last.t < stuck.time:
+        when = f"at t = {stuck.time:.9g} +- {rounded_up(stuck.time - last.t):.1e} s"
     angles = {} if last is None else {"q": last.q.tolist()}
     if last is not None and _bifurcates(conditions, last):
         return SingularConfigurationError(
-            f"bifurcation at t = {stuck.time:.9g} s: the rows of loop {loop} lose rank and let joint {joint} go, so "
+            f"bifurcation {when}: the rows of loop {loop} lose rank and let joint {joint} go, so "
             "the mechanism may go on in more than one way",
             time=stuck.time, kind="bifurcation", joint=joint, loop=loop, **angles,
         )  # fmt: skip
     return SingularConfigurationError(
-        f"singular configuration at t = {stuck.time:.9g} s: loop {loop} lets joint {joint} move without the input "
+        f"singular configuration {when}: loop {loop} lets joint {joint} move without the input "
         "(a dead point), so its rate is not determined or without bound; the motion cannot go on from there",
         time=stuck.time, kind="dead_point", joint=joint, loop=loop, **angles,
     )  # fmt: skip

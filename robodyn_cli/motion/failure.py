@@ -19,6 +19,7 @@ from robodyn_cli.ready.mass_matrix import nearly_singular
 from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point, psi_at
 from robodyn_cli.solve.independent_rows import is_truss
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.trajectories.led import led_joints
 
 # kinds of failure that lie in the motion rather than in what the run may take
@@ -35,12 +36,12 @@ def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynErr
     q, _, _ = driver.system.split(driver.state)
     pose = driven_dead_point(problem, motion.passive, q, driver.time, motion.scene.simulate.duration)
     if pose is not None:
-        time, where, kind = pose
+        time, where, kind, off = pose
         names = ", ".join(led_joints(problem.scene.prescribed))
         event = "dead point" if kind == "dead_point" else "singular configuration"
         return SingularConfigurationError(
-            f"{event} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "
-            "and the multipliers diverge",
+            f"{event} at t = {time:.9g} +- {rounded_up(off):.1e} s under the prescribed motion of {names}: the passive "
+            "joints cannot follow, and the multipliers diverge",
             time=time, kind=kind, q=where.tolist(),
         )  # fmt: skip
     return with_cause(error, problem, driver)

@@ -27,6 +27,7 @@ from robodyn_cli.summaries.facts import ABSENT
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 REDUCED = 1e-9  # ratio of singular values that counts as zero where coordinates are chosen
+ROUNDED = 16.0  # roundings of 1 in an equation of a pose
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
 
@@ -84,8 +85,8 @@ def psi_at(problem: Problem, q: Array, t: float = 0.0) -> Array:
 
 def driven_dead_point(
     problem: Problem, passive: Sequence[int], q: Array, time: float, duration: float
-) -> tuple[float, Array, str] | None:
-    """Find the singular pose that a prescribed motion has run into at (q, time): its time, q and kind.
+) -> tuple[float, Array, str, float] | None:
+    """Find the singular pose that a prescribed motion has run into at (q, time): its time, q, kind, error of the time.
 
     Towards it the passive rates grow without bound, so no integrator can reach it; but it is pure geometry:
     eta(q, t) = 0 with the determinant of the passive block zero, in the unknowns q and t.
@@ -118,7 +119,9 @@ def driven_dead_point(
         return None
     if not -1e-9 * max(1.0, time) <= ahead <= 1e-3 * max(duration, time):
         return None
-    return float(x[-1]), x[:-1], classify(problem, x[:-1], passive).kind
+    left = np.abs(residual) + ROUNDED * np.finfo(float).eps * np.abs(J) @ np.abs(x)
+    off = float(np.abs(np.linalg.pinv(J)[-1]) @ left + np.abs(step[-1]))
+    return float(x[-1]), x[:-1], classify(problem, x[:-1], passive).kind, off
 
 
 def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:

@@ -69,6 +69,7 @@ OWN = UnitOf("rad", "m", "1")
 RATE = UnitOf("rad/s", "m/s", "1/s")
 ACCELERATION = UnitOf("rad/s^2", "m/s^2", "1/s^2")
 LOAD = UnitOf("N m", "N")
+STIFFNESS = UnitOf("N m/rad", "N/m")
 IMPULSE = UnitOf("N m s", "N s")
 TURNS = UnitOf("1", "rad/m")
 

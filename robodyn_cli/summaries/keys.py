@@ -185,13 +185,25 @@ def refusal(command: str, key: str, names: Names = NO_NAMES, number: bool = Fals
     return f"the summary of {command} has no such key{did_you_mean(key, options)}; {allowed}"
 
 
+def written_numbers(command: str, names: Names) -> Iterator[str]:
+    """Yield the keys of the numbers of a command's summary that tell what a mechanism does."""
+    for steps, leaf in leaves_of(command):
+        if leaf.kind in NUMBERS and not leaf.fact.about_run and ANY not in steps:
+            yield from _ways(steps, names)
+
+
 def _written(command: str, names: Names) -> Iterator[str]:
     """Yield the keys of a command's summary as they may be written, with the names of a scene, as far as known."""
     for steps, _ in leaves_of(command):
-        ways = [""]
-        for step in steps:
-            known = names.get(step, (step,)) if step.isupper() and step != ANY else (step,)
-            ways = [f"{way}.{name}" if way else name for way in ways for name in known]
-        yield from ways
-        if steps[0] == SHORT and len(steps) == 3:
-            yield from (f"{steps[2]}.{name}" for name in names.get(steps[1], ()))
+        yield from _ways(steps, names)
+
+
+def _ways(steps: Sequence[str], names: Names) -> Iterator[str]:
+    """Yield the ways in which one key may be written."""
+    ways = [""]
+    for step in steps:
+        known = names.get(step, (step,)) if step.isupper() and step != ANY else (step,)
+        ways = [f"{way}.{name}" if way else name for way in ways for name in known]
+    yield from ways
+    if steps[0] == SHORT and len(steps) == 3:
+        yield from (f"{steps[2]}.{name}" for name in names.get(steps[1], ()))

@@ -208,6 +208,11 @@ class Balanced:
     stiffness: list[float] | list[list[float]] = fact(
         "eigenvalues of the reduced stiffness; real and imaginary parts where some are complex",
         "N m/rad or N/m",
+        errors=("equilibrium.stiffness_error",),
+    )
+    stiffness_error: float = fact(
+        "of these eigenvalues: by the distance from the balance that is left, and by rounding",
+        "N m/rad or N/m",
     )
     residual: float = fact("force that is left", LOAD, errors=None)
     iterations: int = fact("of the search")

@@ -195,6 +195,5 @@ def _balances_within(
 def _described(rest: Balance, holding: Mapping[str, float]) -> Balanced:
     real = bool(np.all(np.abs(rest.stiffness.imag) <= 1e-9 * np.abs(rest.stiffness).max(initial=1.0)))
     stiffness = rest.stiffness.real.tolist() if real else [[x.real, x.imag] for x in rest.stiffness]
-    return Balanced(
-        rest.stability, stiffness, rest.residual, rest.iterations, dict(holding) if holding else ABSENT
-    )
+    held = dict(holding) if holding else ABSENT
+    return Balanced(rest.stability, stiffness, rest.stiffness_error, rest.residual, rest.iterations, held)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -11,36 +12,73 @@ import pytest
 from robodyn_cli.scene.text.offered import offered_keys
 from tests.cli.tool import CONFIGS, ROOT, environment
 
-CODE = "import sys; from robodyn_cli.cli.app import run; run([]); print(*sys.modules, file=sys.stderr)"
+CODE = """
+import contextlib, json, os, sys
+from robodyn_cli.cli.app import run
+for asked in json.loads(sys.argv[1]):
+    os.environ.update(asked)
+    print("next:", flush=True)
+    with contextlib.suppress(SystemExit):
+        run([])
+print(*sys.modules, file=sys.stderr)
+"""
 HEAVY = {"numpy", "h5py", "matplotlib", "llvmlite", "scipy"}
+ARM = "configs/2r_circle.yaml"
+
+OFFERED = {
+    "sens": "sensitivity",
+    "help sens": "sensitivity",
+    "simulate configs/double_pendulum.yaml --plots energy,joint_r": "energy,joint_rates",
+    "new pat": "path",
+    "new --from pum": "puma560",
+    "new --example mechanisms/cra": "mechanisms/crane",
+    "simulate configs/double_pendulum.yaml --set simulate.sa": "simulate.samples=",
+    "simulate configs/nowhere.yaml --set ro": "",
+    "report outputs/a --live robot.links.link1.ma": "",  # no scene is on the line
+    f"sensitivity {ARM} --of joints.theta1.peak_to": "joints.theta1.peak_torque joints.theta1.peak_torque_time",
+    f"sweep {ARM} --of peak_torque.": "peak_torque.theta1 peak_torque.theta2",
+    "optimise configs/four_bar_deploy.yaml --reach lock.ti": "lock.time= lock.time_error=",
+    f"sensitivity {ARM} --to robot.links.link2.ma": "robot.links.link2.mass",
+    f"linearise {ARM} --output theta1,qd.theta": "theta1,qd.theta1 theta1,qd.theta2",
+    f"size {ARM} --types dc,br": "dc,brushless",
+    "plot outputs/a --style pa": "paper",
+    "plan a.yaml --for dep": "deploy",
+    "work-precision a.yaml --methods bdf,rodas": "bdf,rodas5p",
+}
 
 
-def offered(line: str) -> list[str]:
-    """Return what bash is offered for the last word of a line."""
-    asked = environment(
-        _ROBODYN_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=str(len(line.split(" ")) - 1)
+def asked(line: str, shell: str) -> dict[str, str]:
+    """Return what the script of a shell puts into the environment when it asks for the last word of a line."""
+    words = {
+        "bash": {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)},
+        "zsh": {"_TYPER_COMPLETE_ARGS": line},
+        "fish": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_FISH_ACTION": "get-args"},
+        "pwsh": {"_TYPER_COMPLETE_ARGS": line, "_TYPER_COMPLETE_WORD_TO_COMPLETE": line.split(" ")[-1]},
+    }
+    return {"_ROBODYN_COMPLETE": f"complete_{shell}", **words[shell]}
+
+
+def offered(lines: list[str], shell: str) -> list[str]:
+    """Return what a shell is told of the last word of each line."""
+    told = json.dumps([asked(f"robodyn {line}", shell) for line in lines])
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, told], cwd=ROOT, env=environment(), capture_output=True, text=True
     )
-    done = subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, env=asked, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert not HEAVY & set(done.stderr.split())
-    return done.stdout.split()
+    loaded = set(done.stderr.split())
+    assert "typer" in loaded and not HEAVY & loaded
+    return [text.strip() for text in done.stdout.split("next:\n")[1:]]
 
 
-@pytest.mark.parametrize(
-    ("line", "found"),
-    [
-        ("robodyn sens", ["sensitivity"]),
-        ("robodyn simulate configs/double_pendulum.yaml --plots energy,joint_r", ["energy,joint_rates"]),
-        ("robodyn new pat", ["path"]),
-        ("robodyn new --from pum", ["puma560"]),
-        ("robodyn new --example mechanisms/cra", ["mechanisms/crane"]),
-        ("robodyn simulate configs/double_pendulum.yaml --set simulate.sa", ["simulate.samples="]),
-        ("robodyn sweep configs/four_bar_deploy.yaml --vary robot.links.cr", ["robot.links.crank."]),
-        ("robodyn simulate configs/nowhere.yaml --set ro", []),
-    ],
-)
-def test_the_shell_is_offered(line: str, found: list[str]) -> None:
-    assert offered(line) == found
+def test_the_shell_is_offered() -> None:
+    found = offered([*OFFERED], "bash")
+    assert {line: " ".join(text.split()) for line, text in zip(OFFERED, found)} == OFFERED
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish", "pwsh"])
+def test_other_shells_are_offered_the_same(shell: str) -> None:
+    (told,) = offered(["sweep configs/four_bar_deploy.yaml --vary robot.links.crank.m"], shell)
+    assert "robot.links.crank.mass=" in told and "robot.links.coupler" not in told
 
 
 def test_keys_of_an_included_file_and_of_items_by_name() -> None:
@@ -48,6 +86,14 @@ def test_keys_of_an_included_file_and_of_items_by_name() -> None:
     assert {f"robot.links.link{k}." for k in range(1, 7)} == set(offered_keys(scene, "robot.links."))
     assert "robot.links.link2.mass=" in offered_keys(scene, "robot.links.link2.m")
     assert offered_keys(scene, "robot.links.nobody.") == [] == offered_keys(scene, "title.")
+
+
+def test_where_one_key_is_left_those_below_it_are_offered() -> None:
+    """A shell goes on to the next word behind a single one, which would be cut off at its dot."""
+    found = offered_keys(str(CONFIGS / "four_bar_deploy.yaml"), "robot.links.cr")
+    assert found and all(
+        key.startswith("robot.links.crank.") and key != "robot.links.crank." for key in found
+    )
 
 
 def test_a_scene_that_is_wrong_offers_nothing(tmp_path: Path) -> None:

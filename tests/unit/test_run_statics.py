@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -71,6 +72,19 @@ initial: {{q: {{a: 80 deg, b: 0}}}}
     bent = 9.81 * 0.25 * np.cos(a + b) / stiffness
     assert abs(b - rest + bent) < 1e-12
     assert abs(0.75 * np.cos(a) + 0.25 * np.cos(a + b)) < 1e-12
+    with mpmath.workdps(50):
+        held = [
+            lambda x, y: 9.81 * (0.75 * mpmath.cos(x) + 0.25 * mpmath.cos(x + y)),
+            lambda x, y: 9.81 * 0.25 * mpmath.cos(x + y) + stiffness * (y - rest),
+        ]
+        x, y = mpmath.findroot(held, (a, b))
+        bent = 9.81 * 0.25 * mpmath.sin(x + y)
+        K = mpmath.matrix([[-9.81 * 0.75 * mpmath.sin(x) - bent, -bent], [-bent, stiffness - bent]])
+        facts = result.summary["equilibrium"]
+        off = max(
+            abs(one - exact) for one, exact in zip(facts["stiffness"], mpmath.eigsy(K, eigvals_only=True))
+        )
+    assert off <= facts["stiffness_error"] < 1e-3 * facts["stiffness"][0]
 
 
 def test_the_ground_carries_the_weight() -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import closure_text, coordinate_table, mobility_lines, number, table
@@ -34,6 +35,7 @@ def command(
         typer.Option(
             "--at",
             metavar="q.NAME=...",
+            autocompletion=names_in("robot.joints", before=("q.", "qd."), after="="),
             parser=utf8,
             help="Joints to hold, and where; rates as qd.NAME=... too.",
         ),

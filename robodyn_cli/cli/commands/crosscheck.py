@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import one_of
 from robodyn_cli.cli.options import SceneFile, SharedOptions, number
-from robodyn_cli.cli.plot_options import choice
 from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
 from robodyn_cli.cli.words import error_text, table
 from robodyn_cli.errors import FAILED, SceneError, listed
@@ -32,19 +32,22 @@ def command(
     scene: SceneFile,
     engine: Annotated[
         str,
-        typer.Option(
+        one_of(
             "--with",
+            "pinocchio",
+            "mujoco",
+            "drake",
             metavar="ENGINE",
-            parser=choice("pinocchio", "mujoco", "drake"),
             help="The other engine: pinocchio, mujoco or drake.",
         ),
     ],
     asked: Annotated[
         str | None,
-        typer.Option(
+        one_of(
             "--command",
+            "inverse",
+            "simulate",
             metavar="NAME",
-            parser=choice("inverse", "simulate"),
             help="What to compare: inverse or simulate; default: the scene's command.",
         ),
     ] = None,

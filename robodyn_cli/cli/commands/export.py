@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.offers import bare_keys, one_of
 from robodyn_cli.cli.options import Overrides, Told, file, utf8
-from robodyn_cli.cli.plot_options import choice
 
 if TYPE_CHECKING:
     from robodyn_cli.over.c99.folder import CFolder
@@ -43,10 +43,11 @@ def command(
     ],
     to: Annotated[
         str | None,
-        typer.Option(
+        one_of(
             "--to",
+            *OF_RESULTS,
+            *OF_SCENES,
             metavar="KIND",
-            parser=choice(*OF_RESULTS, *OF_SCENES),
             help="Of a result: csv, parquet, mat (MATLAB), npz, json, mcap (ROS 2). Of a scene: urdf+, "
             "extended-urdf, mjcf, sdf.",
             show_default=False,
@@ -70,10 +71,10 @@ def command(
     ] = False,
     target: Annotated[
         str | None,
-        typer.Option(
+        one_of(
             "--target",
+            *PROCESSORS,
             metavar="PROCESSOR",
-            parser=choice(*PROCESSORS),
             help="With --c: objects of the functions for this controller, too: cortex-m7.",
             show_default=False,
         ),
@@ -94,6 +95,7 @@ def command(
             "--key",
             metavar="KEY[=LOW:HIGH]",
             parser=utf8,
+            autocompletion=bare_keys,
             help="With --c or --fmu: a key that can be set. [default: masses, inertias, data of forces]",
         ),
     ] = None,
@@ -103,6 +105,7 @@ def command(
             "--input",
             metavar="KEY[=LOW:HIGH]",
             parser=utf8,
+            autocompletion=bare_keys,
             help="With --fmu: a number that other tools change, or control.reference (set points).",
         ),
     ] = None,

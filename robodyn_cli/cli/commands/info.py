@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, utf8
 from robodyn_cli.cli.runner import begun, output, placed, publish, say_where
 from robodyn_cli.summaries.facts import LOAD
@@ -25,6 +26,7 @@ def command(
         typer.Option(
             "--at",
             metavar="q=[...], qd=[...]",
+            autocompletion=names_in("robot.joints", before=("q.", "qd."), after="="),
             parser=utf8,
             help="State, joints in their order or q.NAME=... each.",
         ),

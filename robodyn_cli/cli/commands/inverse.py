@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    Figures,
     balance_lines,
     cost_lines,
     drive_lines,
@@ -50,6 +51,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         lines.append(table(list(zip(["joint", *shown], *columns))))
         if len(shown) < len(joints):
             lines.append(f"  ... and {len(joints) - len(shown)} joints with smaller torques")
+        lines += _errors([joints[name] for name in shown], figures)
         if verbose:
             lines += [
                 f"  {key.replace('_', ' '):<18} {text}" for key, text in meanings(JointFigures, EXPLAINED)
@@ -71,6 +73,23 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     lines += multiplier_lines(summary)
     lines += cost_lines(summary, verbose)
     return "\n".join(lines)
+
+
+def _errors(rows: Sequence[Mapping[str, Any]], figures: Figures) -> list[str]:
+    """Return a line with the largest error of each column that is due to what lies between the samples."""
+    parts = []
+    for heading, key, quantity, _ in figures:
+        largest: dict[str, float] = {}
+        for row in rows:
+            unit = {**row["units"], "time": "s"}[quantity]
+            off = (row.get("errors") or {}).get(key)
+            if off is not None:
+                largest[unit] = max(off, largest.get(unit, 0.0))
+        if largest:
+            parts.append(
+                f"{heading} {', '.join(f'{error_text(off)} {unit}' for unit, off in largest.items())}"
+            )
+    return [f"  between samples    off by at most: {'; '.join(parts)}"] if parts else []
 
 
 def _most_loaded(joints: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import any_of, begun_by, listed_of, names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, quantity, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import error_text, holding_lines, number, table
@@ -41,6 +42,9 @@ def command(
         typer.Option(
             "--at",
             metavar="q.NAME=...|balance",
+            autocompletion=any_of(
+                begun_by((BALANCE, START)), names_in("robot.joints", before=("q.", "qd."), after="=")
+            ),
             parser=utf8,
             help="State, as `info` takes it: `theta1=60 deg`, or `balance`, `start`. "
             "[default: the pose that the controller is to keep, else the start]",
@@ -54,7 +58,13 @@ def command(
     ] = False,
     inputs: Annotated[
         list[str] | None,
-        typer.Option("--input", metavar="NAME,...", parser=utf8, help="Joints whose torques are inputs."),
+        typer.Option(
+            "--input",
+            metavar="NAME,...",
+            parser=utf8,
+            autocompletion=listed_of(names_in("robot.joints")),
+            help="Joints whose torques are inputs.",
+        ),
     ] = None,
     outputs: Annotated[
         list[str] | None,
@@ -62,6 +72,12 @@ def command(
             "--output",
             metavar="NAME,...",
             parser=utf8,
+            autocompletion=listed_of(
+                any_of(
+                    names_in("robot.joints", before=("", "qd.")),
+                    names_in("robot.points", "outputs.signals"),
+                )
+            ),
             help="What is measured: joints, qd.JOINT, points, outputs.signals.",
         ),
     ] = None,

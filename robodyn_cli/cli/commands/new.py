@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robodyn_cli.cli.offers import begun_by
 from robodyn_cli.cli.options import Told, utf8
-from robodyn_cli.cli.plot_options import beginning
 
 if TYPE_CHECKING:
     from robodyn_cli.cli.console import Console
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 def _kinds(incomplete: str) -> list[str]:
     from robodyn_cli.scene.starters import STARTERS
 
-    return beginning(STARTERS, incomplete)
+    return begun_by(STARTERS)(incomplete)
 
 
 def _robots(incomplete: str) -> list[str]:
     from robodyn_cli.robots.collection import ROBOTS
 
-    return beginning(ROBOTS, incomplete)
+    return begun_by(ROBOTS)(incomplete)
 
 
 def _examples(incomplete: str) -> list[str]:
     from robodyn_cli.robots.examples import example_names, examples_folder
 
-    return beginning(example_names(examples_folder()), incomplete)
+    return begun_by(example_names(examples_folder()))(incomplete)
 
 
 EXAMPLES = (

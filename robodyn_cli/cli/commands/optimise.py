@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robodyn_cli.cli import offers
 from robodyn_cli.cli.options import (
     Jobs,
     SceneFile,
     SharedOptions,
-    complete_keys,
     number,
     pairs,
     utf8,
@@ -49,23 +49,27 @@ def command(
     scene: SceneFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=complete_keys,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=offers.keys,
                      help="Key of the scene and its bounds, 'uniform(low, high)', or its choices, '[a, b]'."),
     ] = None,
     minimise: Annotated[
-        str | None, typer.Option("--minimise", metavar="OUTPUT", parser=utf8, help="Output that is to be least.")
+        str | None,
+        typer.Option("--minimise", metavar="OUTPUT", parser=utf8, autocompletion=offers.outputs(),
+                     help="Output that is to be least."),
     ] = None,
     maximise: Annotated[
-        str | None, typer.Option("--maximise", metavar="OUTPUT", parser=utf8, help="Output that is to be largest.")
+        str | None,
+        typer.Option("--maximise", metavar="OUTPUT", parser=utf8, autocompletion=offers.outputs(),
+                     help="Output that is to be largest."),
     ] = None,
     reach: Annotated[
         list[str] | None,
-        typer.Option("--reach", metavar="OUTPUT=VALUE", parser=utf8,
+        typer.Option("--reach", metavar="OUTPUT=VALUE", parser=utf8, autocompletion=offers.outputs("="),
                      help="Output and the value that it is to have, e.g. lock.time=2 or 'lock.time=2 +- 1e-3'."),
     ] = None,
     keep: Annotated[
         list[str] | None,
-        typer.Option("--keep", metavar="OUTPUT<=VALUE", parser=utf8,
+        typer.Option("--keep", metavar="OUTPUT<=VALUE", parser=utf8, autocompletion=offers.outputs(),
                      help="Constraint, e.g. 'peak_torque.theta1 <= 20', or '>=', or 'OUTPUT = a .. b'."),
     ] = None,
     starts: Annotated[

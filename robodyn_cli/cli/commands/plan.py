@@ -8,8 +8,10 @@ from typing import Annotated
 import typer
 
 from robodyn_cli.cli.console import width
+from robodyn_cli.cli.offers import begun_by
 from robodyn_cli.cli.options import Overrides, SceneFile, Told
 from robodyn_cli.cli.runner import place_in_files, placed
+from robodyn_cli.commands import places
 from robodyn_cli.errors import SceneError
 
 EXAMPLES = (
@@ -24,7 +26,12 @@ def command(
     overrides: Overrides = None,
     for_command: Annotated[
         str | None,
-        typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
+        typer.Option(
+            "--for",
+            metavar="COMMAND",
+            autocompletion=begun_by(places("plan")),
+            help="Command to plan. [default: the scene's own]",
+        ),
     ] = None,
     *,
     told: Told,

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import coordinate_table, error_text, number, table
@@ -28,7 +29,11 @@ def command(
     frame: Annotated[
         str | None,
         typer.Option(
-            "--frame", metavar="NAME", parser=utf8, help="What is to go there: point, frame or link."
+            "--frame",
+            metavar="NAME",
+            parser=utf8,
+            autocompletion=names_in("robot.points", "robot.frames", "robot.links"),
+            help="What is to go there: point, frame or link.",
         ),
     ] = None,
     position: Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli import offers
 from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
@@ -30,12 +31,13 @@ def command(
     scene: SceneFile,
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", metavar="KEY",
+        typer.Option("--to", metavar="KEY", autocompletion=offers.bare_keys,
                      help="Key of the scene with a number, e.g. robot.links.link1.mass; KEY#n: the n-th of a formula."),
     ] = None,
     of: Annotated[
         list[str] | None,
-        typer.Option("--of", metavar="KEY", help="Output: a key of the summary, as in expect, e.g. lock.time."),
+        typer.Option("--of", metavar="KEY", autocompletion=offers.outputs(),
+                     help="Output: a key of the summary, as in expect, e.g. lock.time."),
     ] = None,
     jobs: Jobs = None,
     *,

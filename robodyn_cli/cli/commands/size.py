@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli import offers
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, number
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import cost_lines, drive_lines, margin_text, table
@@ -81,7 +82,9 @@ EXAMPLES = (
 
 def command(
     scene: SceneFile,
-    by: Annotated[str, typer.Option("--by", metavar="cost|mass", help="What is to be small.")] = "cost",
+    by: Annotated[
+        str, offers.one_of("--by", *BY, metavar="|".join(BY), help="What is to be small.")
+    ] = "cost",
     margin: Annotated[
         float | None,
         typer.Option(
@@ -97,6 +100,7 @@ def command(
         typer.Option(
             "--types",
             metavar="TYPE,...",
+            autocompletion=offers.listed_of(offers.begun_by(motor_types)),
             help="Kinds of motor to choose from. [default: all]",
             show_default=False,
         ),
@@ -113,8 +117,6 @@ def command(
     strict: Strict = False,
 ) -> int:
     """Size the drives of a scene; return the exit code, 1 where nothing bears the motion of a joint."""
-    if by not in BY:
-        raise SceneError(f"--by: unknown choice {by!r}; allowed: {', '.join(BY)}")
     kinds = tuple(kind.strip() for kind in types.split(",")) if types is not None else ()
     for kind in kinds:
         if kind not in motor_types:

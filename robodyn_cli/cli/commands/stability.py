@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import begun_by, listed_of
 from robodyn_cli.cli.options import SharedOptions, file
 from robodyn_cli.cli.runner import begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import error_text, table
@@ -19,6 +20,12 @@ EXAMPLES = (
     "stability configs/stick_slip.yaml --json",
     "stability --suite",
 )
+
+
+def _cases(incomplete: str) -> list[str]:
+    from robodyn_cli.over.stability.cases import CASES
+
+    return begun_by(case.name for case in CASES)(incomplete)
 
 
 def command(
@@ -41,7 +48,13 @@ def command(
         ),
     ] = False,
     cases: Annotated[
-        str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
+        str | None,
+        typer.Option(
+            "--cases",
+            metavar="A,B",
+            autocompletion=listed_of(_cases),
+            help="Cases of the suite to run. [default: all]",
+        ),
     ] = None,
     *,
     shared: SharedOptions,

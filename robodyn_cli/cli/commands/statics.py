@@ -8,6 +8,7 @@ from typing import Any
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    bound_text,
     coordinate_table,
     error_text,
     holding_lines,
@@ -15,7 +16,7 @@ from robodyn_cli.cli.words import (
     multiplier_lines,
     number,
 )
-from robodyn_cli.summaries.facts import LOAD, OWN
+from robodyn_cli.summaries.facts import LOAD, OWN, STIFFNESS
 
 
 def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
@@ -23,11 +24,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     facts = summary["equilibrium"]
     lines = [f"{summary['title']}"]
     if summary["find"] == "balance":
-        stiffness = ", ".join(
-            str(complex(*x)) if isinstance(x, list) else number(x) for x in facts["stiffness"]
-        )
-        spread = f"; reduced stiffness {stiffness} N m/rad or N/m" if stiffness else ""
-        lines.append(f"  balanced           {facts['stability']}{spread}")
+        lines.append(f"  balanced           {facts['stability']}{_stiffness(summary)}")
         lines += holding_lines(facts.get("holding", {}), summary["units"])
     else:
         lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
@@ -44,10 +41,22 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     return "\n".join(lines)
 
 
+def _stiffness(summary: Mapping[str, Any]) -> str:
+    """Return the reduced stiffness in words: in the unit of the coordinates that are free where they have one."""
+    facts = summary["equilibrium"]
+    if not facts["stiffness"]:
+        return ""
+    values = ", ".join(str(complex(*x)) if isinstance(x, list) else number(x) for x in facts["stiffness"])
+    free = [unit for name, unit in summary["units"].items() if name not in facts.get("holding", {})]
+    kinds = {"rad" if unit == "1" else unit for unit in free}  # coordinates of an attitude have the unit 1
+    unit = STIFFNESS(kinds.pop() if len(kinds) == 1 else "")
+    return f"; reduced stiffness {values}{bound_text(facts['stiffness_error'])} {unit}"
+
+
 EXAMPLES = (
     "statics configs/double_pendulum.yaml --no-plots",
     "statics configs/four_bar_deploy.yaml --set statics.find=hold",
-    "statics configs/search/spring_balance.yaml --json",
+    "statics configs/published/gripper_2f85.yaml --json",
 )
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robodyn_cli.cli import offers
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, complete_keys, number, utf8, variations
-from robodyn_cli.cli.plot_options import choice
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, utf8, variations
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
@@ -45,7 +45,7 @@ def command(
     scene: SceneFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=complete_keys,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=offers.keys,
                      help="Key of the scene and what it varies over, e.g. robot.links.link1.mass='normal(13, 5 %)'."),
     ] = None,
     n: Annotated[
@@ -55,7 +55,7 @@ def command(
     ] = None,
     sampler: Annotated[
         str | None,
-        typer.Option("--sampler", metavar="|".join(SAMPLERS), parser=choice(*SAMPLERS), help="How samples are drawn.")
+        offers.one_of("--sampler", *SAMPLERS, metavar="|".join(SAMPLERS), help="How samples are drawn.")
     ] = None,
     seed: Annotated[
         int | None,
@@ -64,7 +64,8 @@ def command(
     ] = None,
     of: Annotated[
         list[str] | None,
-        typer.Option("--of", metavar="KEY", help="Output: a key of the summary, as in expect, e.g. lock.time."),
+        typer.Option("--of", metavar="KEY", autocompletion=offers.outputs(),
+                     help="Output: a key of the summary, as in expect, e.g. lock.time."),
     ] = None,
     least_yield: Annotated[
         float | None,

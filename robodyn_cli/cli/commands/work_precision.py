@@ -9,9 +9,11 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.offers import begun_by, listed_of
 from robodyn_cli.cli.options import OutDir, Overrides, SceneFile, SharedOptions, number
 from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
 from robodyn_cli.cli.words import error_text, table
+from robodyn_cli.integration_methods import METHODS
 
 COLUMNS = (
     "method", "formulation", "tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps",
@@ -38,7 +40,12 @@ def command(
     overrides: Overrides = None,
     methods: Annotated[
         str | None,
-        typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
+        typer.Option(
+            "--methods",
+            metavar="A,B",
+            autocompletion=listed_of(begun_by(METHODS)),
+            help="Methods to compare. [default: all that can]",
+        ),
     ] = None,
     tolerances: Annotated[
         Any,  # a list of numbers

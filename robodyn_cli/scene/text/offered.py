@@ -1,31 +1,89 @@
-"""The keys of a scene that a shell offers to complete a word. No schema is loaded, and no number is read."""
+"""What a shell offers of a scene to complete a word: keys, names, the command. No schema is loaded, no number read.
+
+Nothing where the file cannot be read: what is wrong with it is told when the command runs.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.yaml_text import compose, read_text
 
+# where the names stand that are in the keys of summaries, by their kinds
+NAMED = {
+    "JOINT": "robot.joints",
+    "LINK": "robot.links",
+    "POINT": "robot.points",
+    "LOOP": "loops",
+    "LATCH": "deploy.latches",
+    "PAYLOAD": "payloads",
+    "PAIR": "kinematics.design.ratios",
+}
 
-def offered_keys(scene: str, incomplete: str) -> list[str]:
+
+def offered_keys(scene: str, incomplete: str, numbers: bool = False) -> list[str]:
     """Return the keys of a scene that begin so, a level at a time; those of a file that it includes too.
 
-    Nothing where the file cannot be read: what is wrong with it is told when the command runs.
+    Where only one key is left, those below it, since a shell goes on to the next word behind a single one. A key of a
+    value ends with ``=``. numbers : leave values without a digit out.
     """
     path, _, _ = incomplete.rpartition(".")
     try:
-        node: nodes.Node | None = _read(scene)
-        for step in path.split(".") if path else ():
-            node = _whole(dict(_children(node)).get(step))
-        below = [(name, [*_children(_whole(child))]) for name, child in _children(node)]
+        while True:
+            found = [key for key in _keys_below(scene, path, numbers) if key.startswith(incomplete)]
+            if len(found) != 1 or found[0].endswith("="):
+                return found
+            path = found[0].removesuffix(".")
     except (RobodynError, OSError):
         return []
+
+
+def _keys_below(scene: str, path: str, numbers: bool) -> Iterator[str]:
+    """Yield the keys one level below a key, with the ``.`` or ``=`` that follows."""
     before = f"{path}." if path else ""
-    found = [f"{before}{name}{'.' if inner else '='}" for name, inner in below]
-    return [key for key in found if key.startswith(incomplete)]
+    for name, child in _children(_at(scene, path)):
+        node = _whole(child)
+        if any(_children(node)):
+            yield f"{before}{name}."
+        elif not numbers or (isinstance(node, nodes.Scalar) and re.search(r"\d", node.text)):
+            yield f"{before}{name}="
+
+
+def names_below(scene: str, path: str) -> list[str]:
+    """Return the names of what stands in a section of a scene."""
+    try:
+        return [name for name, _ in _children(_at(scene, path))]
+    except (RobodynError, OSError):
+        return []
+
+
+def summary_names(scene: str) -> dict[str, list[str]]:
+    """Return the names that keys of summaries of a scene may have in them, by kind, as far as they stand there."""
+    return {kind: names_below(scene, path) for kind, path in NAMED.items()}
+
+
+def command_in(scene: str) -> str | None:
+    """Return the command of a scene, as ``over/commands.py`` does; None where it names one that there is not."""
+    try:
+        node = _at(scene, "command")
+    except (RobodynError, OSError):
+        return None
+    if node is None:
+        return "inverse" if "trajectory" in names_below(scene, "") else "simulate"
+    return node.text if isinstance(node, nodes.Scalar) and node.text in SCENE_COMMANDS else None
+
+
+def _at(scene: str, path: str) -> nodes.Node | None:
+    """Return what stands under a key, or the tree of the file that it names."""
+    node: nodes.Node | None = _read(scene)
+    for step in path.split(".") if path else ():
+        node = _whole(dict(_children(node)).get(step))
+    return node
 
 
 def _children(node: nodes.Node | None) -> Iterator[tuple[str, nodes.Node]]:

@@ -387,8 +387,7 @@ def _reason(done: Deployment, lock: Lock) -> str:
         reason = "the multipliers passed their threshold"
         if lock.kind != "approaching_dead_point":
             return reason
-        ahead = next(time for time, _ in done.found.dead_points if time >= lock.time)
-        return f"{reason}, on the way to the dead point at t = {ahead:.9g} s"
+        return f"{reason}, on the way to a dead point (criteria.dead_point)"  # with its error
     if done.found.driven:
         names = ", ".join(led_joints(done.motion.scene.prescribed))
         return (

@@ -293,7 +293,7 @@ def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | N
     pose = driven_dead_point(motion.problem, motion.passive, q, driver.time, motion.scene.simulate.duration)
     if pose is None:
         return None
-    time, q, kind = pose
+    time, q, kind, _ = pose
     state[list(motion.system.q_places)] = q
     return time, state, kind
 
