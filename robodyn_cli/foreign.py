@@ -60,9 +60,14 @@ def spreadsheet_cell(text: str) -> str:
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
+# names that no file has on Windows, whatever its suffix
+DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10))}
+
+
 def file_stem(name: str) -> str:
     """Return a name as that of a file, in whatever directory it is put."""
-    return re.sub(r"[^\w.-]", "_", name).lstrip(".") or "_"
+    stem = re.sub(r"[^\w.-]", "_", name).lstrip(".") or "_"
+    return f"_{stem}" if stem.partition(".")[0].casefold() in DEVICES else stem
 
 
 _POLL = 0.001  # seconds between two checks whether a process has ended

@@ -3,8 +3,9 @@
     python -m website.blocks OUT [PAGE ...]
 
 Pages of ``docs/tutorials`` begin in an empty folder, others in one with ``configs``. Scenes in ``yaml`` blocks are
-loaded, whole ones run, by the tests. ``<!-- not run: why -->`` above a block leaves it out, and so does
-``<!-- file: NAME -->``, as the tests run it beside that file; ``<!-- exit: 2 -->`` tells how it ends.
+loaded, whole ones run, by the tests. The page ``help`` stands for the examples in the help of all commands.
+``<!-- not run: why -->`` above a block leaves it out, and so does ``<!-- file: NAME -->``, as the tests run it beside
+that file; ``<!-- exit: 2 -->`` tells how it ends.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from robodyn_cli.commands import COMMANDS
 from website.pages import ROOT, sources
+from website.runs import examples
 
 BLOCK = re.compile(
     r"(?:<!-- (not run|exit|file): (.+?) -->\n)?^```(sh|python)\n(.*?)^```$", re.DOTALL | re.MULTILINE
@@ -27,6 +30,31 @@ BLOCK = re.compile(
 LONGEST = 1800  # seconds for a block
 # their blocks are followed to the letter by tests/unit/test_adding.py, or by .ci/site itself
 ELSEWHERE = ("docs/adding/", "docs/index.md", "CONTRIBUTING.md", "CHANGELOG.md")
+
+HELP = "help"
+# what the examples in the help of commands take as there; they follow one another in the order of the commands
+BEFORE = (
+    "inverse configs/2r_circle.yaml --no-plots",
+    "simulate configs/double_pendulum.yaml --no-plots",
+    *(f"simulate configs/double_pendulum.yaml --no-plots --set initial.q.theta2={q} --out outputs/{name}"
+      for q, name in ((0.1, "first"), (0.2, "second"), (0.3, "third"))),
+    "deploy configs/four_bar_deploy.yaml --no-plots",
+    "run configs/2r_circle.yaml configs/double_pendulum.yaml --no-plots --baseline baseline --update-baseline",
+    "export configs/2r_circle.yaml --to mjcf --out robot && cp robot/*.xml robot.xml",
+)  # fmt: skip
+ENDS = {
+    "compare outputs/first outputs/second": 1,  # they differ
+    "compare outputs baseline": 1,  # there are more results than these
+    "run configs --baseline baseline": 1,  # likewise
+}
+
+
+def of_help() -> Iterator[tuple[str, str, int]]:
+    """Yield (language, code, exit code) of the examples in the help of commands, and of what comes before them."""
+    for words in BEFORE:
+        yield "sh", f"robodyn {words}", 0
+    for words in (line for command in COMMANDS for line in examples(command)):
+        yield "sh", f"robodyn {words}", ENDS.get(words, 0)
 
 
 def blocks(page: str) -> Iterator[tuple[str, str, int]]:
@@ -50,7 +78,7 @@ def followed(page: str, out: Path) -> list[str]:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "BROWSER": "true", "MPLBACKEND": "agg"}
     environment.pop("PYTHONPATH", None)
-    for language, code, wanted in blocks(page):
+    for language, code, wanted in of_help() if page == HELP else blocks(page):
         begin = time.monotonic()
         words = ["bash", "-e", "-c", code] if language == "sh" else [sys.executable, "-c", code]
         run = subprocess.run(
@@ -65,7 +93,8 @@ def followed(page: str, out: Path) -> list[str]:
 def main(out: Path, pages: list[str]) -> int:
     """Run the code of all pages, or of some, and tell what fails."""
     chosen = pages or [
-        p for p in [*sources(), "README.md"] if p.endswith(".md") and not p.startswith(ELSEWHERE)
+        HELP,
+        *(p for p in [*sources(), "README.md"] if p.endswith(".md") and not p.startswith(ELSEWHERE)),
     ]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         failed = [text for found in pool.map(lambda page: followed(page, out), chosen) for text in found]

@@ -254,10 +254,15 @@ def fitted(text: str, stream: TextIO | None) -> str:
     return "\n".join(map(_painted, lines) if _has_colours() else lines)
 
 
+LABELLED = 21  # columns before the text of a line that begins with a label
+LEAST_TEXT = 15
+
+
 def _wrapped(line: str, columns: int) -> str:
     import textwrap
 
-    starts = [gap.end() for gap in _GAP.finditer(line) if gap.end() <= columns // 2]
+    most = max(columns // 2, min(LABELLED, columns - LEAST_TEXT))
+    starts = [gap.end() for gap in _GAP.finditer(line) if gap.start() > 0 and gap.end() <= most]
     indent = " " * (starts[-1] if starts else 4)
     return textwrap.fill(
         line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False

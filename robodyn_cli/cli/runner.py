@@ -61,9 +61,10 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
         scene = _load(job, watch, console)
         with begun(directory, console), contextlib.ExitStack() as stack:
             writer = _writer(job, scene, directory, stack)
-            journal = _journal(job, scene, directory, stack, console)
             try:
-                result, failure = _compute(job, scene, writer, watch, console, journal)
+                with contextlib.ExitStack() as running:  # it ends before its file is removed
+                    journal = _journal(job, scene, directory, running, console)
+                    result, failure = _compute(job, scene, writer, watch, console, journal)
             except RobodynError as error:
                 if error.exit_code in REPLACING:
                     directory.replace_old(_failed(job.command, scene.title, error))

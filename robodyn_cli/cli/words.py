@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,14 +15,19 @@ from robodyn_cli.summaries.facts import LOAD, UnitOf, rounded_up
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
     """Return rows as aligned columns; the first row is the head, the first column is text.
 
-    In a table that is wider than the terminal (``columns``) units stand below their headings; one that is too wide
-    still is continued below, with the first column again.
+    In a table that is wider than the terminal (``columns``) units stand below their headings, then the words of
+    headings below one another; one that is too wide still is continued below, with the first column again.
     """
     room = columns or width(sys.stdout) or math.inf
     lines = [list(row) for row in rows]
     if _wide(_widths(lines)) > room:
         parted = [head.partition(" [") for head in rows[0]]
-        lines[:1] = [name for name, _, _ in parted], [f"[{unit}" if unit else "" for _, _, unit in parted]
+        lines[:1] = _below_one_another([[name, f"[{unit}" if unit else ""] for name, _, unit in parted])
+    if _wide(_widths(lines)) > room:
+        cells = _widths(rows[1:]) if len(rows) > 1 else [0] * len(rows[0])
+        lines[: len(lines) - len(rows) + 1] = _below_one_another(
+            [_folded(head, least) for head, least in zip(rows[0], cells)]
+        )
     widths = _widths(lines)
     parts: list[list[int]] = [[]]
     for k in range(1, len(widths)):
@@ -34,6 +40,20 @@ def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
         for line in lines
     ]
     return "\n".join(line for line in written if line.strip())
+
+
+def _below_one_another(heads: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return lines of headings, of which each has lines of its own."""
+    return [list(line) for line in itertools.zip_longest(*heads, fillvalue="")]
+
+
+def _folded(head: str, least: int) -> list[str]:
+    """Return a heading in lines as wide as its column or its longest word; a unit begins one of its own."""
+    import textwrap
+
+    name, _, unit = head.partition(" [")
+    room = max([least, 1, *map(len, name.split())])
+    return [*textwrap.wrap(name, room, break_on_hyphens=False), *([f"[{unit}"] if unit else [])]
 
 
 # of a table: heading, key of the figure, quantity among the units of its row, digits
@@ -342,44 +362,8 @@ def _below(value: Any, path: tuple[str, ...]) -> Any:
     return value
 
 
-def design_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what kinematic design tells beside extremes."""
-    design, lines = summary.get("design") or {}, []
-    for name, one in (design.get("four_bars") or {}).items():
-        lines.append(
-            f"  four-bar           {name}: {one['type']} on {one['ground']}, margin {number(one['margin'])} m"
-            f" (+- {error_text(one['margin_error'])})"
-        )
-        for joint, ends in one["joints"].items():
-            if ends["lower"] is not None:
-                lines.append(
-                    f"    {joint}: dead points at {number(ends['lower'])} and {number(ends['upper'])}"
-                    f"{bound_text(ends['error'])}{_nearest(ends['distance'], ends['distance_error'])}"
-                )
-    for name, points in (design.get("dead_points") or {}).items():
-        lines.append(
-            f"  dead points        {name}: at t = "
-            f"{', '.join(number(one['time']) + bound_text(one['time_error']) for one in points)} s"
-        )
-    for path, one in (design.get("unbounded") or {}).items():
-        times = f"{', '.join(map(number, one['times']))}{bound_text(one['error'])}"
-        when = "at all times" if one["throughout"] else f"at t = {times} s"
-        lines.append(f"  unbounded          {path}: {when}")
-    return lines
-
-
 def _with_error(figures: Mapping[str, Any], key: str) -> str:
     return f"{number(figures[key])}{bound_text(figures['errors'].get(key))}"
-
-
-def _nearest(distance: float | None, error: float | None) -> str:
-    """Return how near a motion comes to a dead point, or that it reaches it or goes beyond."""
-    if distance is None:
-        return ""
-    if abs(distance) <= (error or 0.0):
-        return f", reached by the motion{bound_text(error)}"
-    beyond = "gone beyond by" if distance < 0.0 else "motion within"
-    return f", {beyond} {number(abs(distance), 4)}{bound_text(error)}{' of one' if distance > 0.0 else ''}"
 
 
 def balance_lines(summary: Mapping[str, Any]) -> list[str]:

@@ -98,11 +98,27 @@ def write_new(target: Path, text: str) -> None:
     with output_errors(target):
         try:
             temporary.write_text(text, encoding="utf-8")
-            os.link(temporary, target)  # unlike a rename, it replaces nothing
+            _appear(temporary, target)
         except FileExistsError:
             raise taken from None
         finally:
             discard(temporary)
+
+
+def _appear(temporary: Path, target: Path) -> None:
+    """Give a file its name; unlike a rename, this replaces nothing.
+
+    Raises
+    ------
+    FileExistsError : there is a file of that name.
+    """
+    try:
+        os.link(temporary, target)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links, as on memory sticks
+        with open(target, "xb") as file:
+            file.write(temporary.read_bytes())
 
 
 def write_alike(texts: Mapping[Path, str]) -> None:

@@ -417,9 +417,10 @@ def test_what_solvers_are_answered_does_not_depend_on_their_pace() -> None:
 
         return solve
 
-    lanes: Lanes[int, int, int] = Lanes(answer)
+    ended: list[int] = []
+    lanes: Lanes[int, int, int] = Lanes(answer, ended.append)
     assert lanes.run([solver(k) for k in range(3)]) == [0, 2010, 6030]
-    assert batches == [[0, 100, 200], [101, 201], [202]]
+    assert batches == [[0, 100, 200], [101, 201], [202]] and ended == [0, 1, 2, 3]
 
 
 def test_what_a_solver_raises_is_raised() -> None:

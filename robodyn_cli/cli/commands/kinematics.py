@@ -8,8 +8,9 @@ from typing import Any
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    bound_text,
     closure_text,
-    design_lines,
+    error_text,
     extreme_lines,
     figure_columns,
     mobility_lines,
@@ -58,11 +59,47 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         lines.append(
             f"  transmission       {number(angle['smallest_deg'], 5)} to {number(angle['largest_deg'], 5)} deg"
         )
-    lines += design_lines(summary)
+    lines += _design_lines(summary)
     lines += motorisation_lines(summary)
     if closure:
         lines.append("  closure            " + closure_text(closure))
     return "\n".join(lines)
+
+
+def _design_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what kinematic design tells beside extremes."""
+    design, lines = summary.get("design") or {}, []
+    for name, one in (design.get("four_bars") or {}).items():
+        lines.append(
+            f"  four-bar           {name}: {one['type']} on {one['ground']}, margin {number(one['margin'])} m"
+            f" (+- {error_text(one['margin_error'])})"
+        )
+        for joint, ends in one["joints"].items():
+            if ends["lower"] is not None:
+                lines.append(
+                    f"    {joint}: dead points at {number(ends['lower'])} and {number(ends['upper'])}"
+                    f"{bound_text(ends['error'])}{_nearest(ends['distance'], ends['distance_error'])}"
+                )
+    for name, points in (design.get("dead_points") or {}).items():
+        lines.append(
+            f"  dead points        {name}: at t = "
+            f"{', '.join(number(one['time']) + bound_text(one['time_error']) for one in points)} s"
+        )
+    for path, one in (design.get("unbounded") or {}).items():
+        times = f"{', '.join(map(number, one['times']))}{bound_text(one['error'])}"
+        when = "at all times" if one["throughout"] else f"at t = {times} s"
+        lines.append(f"  unbounded          {path}: {when}")
+    return lines
+
+
+def _nearest(distance: float | None, error: float | None) -> str:
+    """Return how near a motion comes to a dead point, or that it reaches it or goes beyond."""
+    if distance is None:
+        return ""
+    if abs(distance) <= (error or 0.0):
+        return f", reached by the motion{bound_text(error)}"
+    beyond = "gone beyond by" if distance < 0.0 else "motion within"
+    return f", {beyond} {number(abs(distance), 4)}{bound_text(error)}{' of one' if distance > 0.0 else ''}"
 
 
 EXAMPLES = (

@@ -109,7 +109,8 @@ def command(
                 if journal.taken:
                     console.note(f"robodyn: {journal.taken} runs are there from an earlier search")
                 maker = PointMaker(search, jobs or cores(), journal, progress)
-                result = report(run_search(search, maker), maker, time.perf_counter() - start)
+                ended = run_search(search, maker, progress.reached)
+                result = report(ended, maker, time.perf_counter() - start)
             store(result, directory)
             publish(result, directory, shared.drawings)
             journal.forget()
@@ -120,14 +121,19 @@ def command(
 
 
 class SearchProgress:
-    """Tells how many runs are made; as a context manager, says what an interrupt leaves."""
+    """Tells how far a search is, and how many runs are made; as a context manager, says what an interrupt leaves."""
 
     def __init__(self, console: Console) -> None:
         self.console, self.runs = console, 0
 
     @property
     def doing(self) -> str:
-        return f"a search: {self.runs} runs"
+        return "a search"
+
+    def reached(self, done: float, total: float, unit: str = "s") -> None:
+        """Show how many solvers have ended, or how many runs of all are made."""
+        runs = "" if unit == "runs" else f", {self.runs} runs"
+        self.console.progress(done, total, unit + runs)
 
     def __enter__(self) -> SearchProgress:
         return self
@@ -135,6 +141,7 @@ class SearchProgress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.console.clear()
         if isinstance(error, KeyboardInterrupt) and self.runs:
             self.console.note(
                 f"robodyn: {self.runs} runs are done and kept; the same command goes on from there"

@@ -54,7 +54,10 @@ def command(
     with console.waiting(lambda: "deriving"), output(target, scene, console) as directory:
         asked = prepare(Family(scene, shared.overrides or ()), to or (), of or ())
         with begun(directory, console):
-            derivatives = sensitivities(asked, jobs or cores())
+            try:
+                derivatives = sensitivities(asked, jobs or cores(), console.progress)
+            finally:
+                console.clear()
             result = report(derivatives, time.perf_counter() - start)
             store(result, directory)
             publish(result, directory, shared.drawings)

@@ -92,22 +92,25 @@ def load(entries: Sequence[BatchEntry], out: Path, overrides: Sequence[str] = ()
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
-    """Return the stems of the files; where two are the same, with as much of their folders as tells them apart."""
-    stems = [path.stem for path in paths]
-    if len(set(stems)) == len(stems):
+    """Return the stems of the files; where two are the same, with as much of their folders as tells them apart.
+
+    Capitals tell none apart: on macOS and Windows ``A`` and ``a`` are one folder.
+    """
+    stems, alike = [path.stem for path in paths], [path.stem.casefold() for path in paths]
+    if len(set(alike)) == len(stems):
         return stems
     full = [Path(os.path.abspath(path)) for path in paths]
     try:
         root = os.path.commonpath([path.parent for path in full])
     except ValueError:  # on different drives
-        return [f"{stem}-{k}" if stems.count(stem) > 1 else stem for k, stem in enumerate(stems)]
+        return [f"{stem}-{k}" if alike.count(alike[k]) > 1 else stem for k, stem in enumerate(stems)]
     places = [path.relative_to(root) for path in full]
     bare = [place.with_suffix("") for place in places]
     names = []
-    for stem, place, short in zip(stems, places, bare):
+    for stem, low, place, short in zip(stems, alike, places, bare):
         # x.yaml and x.yml in one folder keep their suffixes
         distinct = place if bare.count(short) > 1 else short
-        names.append(stem if stems.count(stem) == 1 else distinct.as_posix())
+        names.append(stem if alike.count(low) == 1 else distinct.as_posix())
     return names
 
 

@@ -32,6 +32,7 @@ from robodyn_cli.scene.units import refuse_doubles
 SUFFIX = ".fmu"
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64", "i686": "x86"}
+COMPILERS = ("cc", "gcc", "clang")  # MinGW brings no cc
 FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of entries: the same scene gives the same file
 
@@ -132,10 +133,11 @@ def compiled(
     library: LoopLibrary, texts: Mapping[str, str], flags: Sequence[str]
 ) -> tuple[dict[str, bytes], list[str]]:
     """Return the binary by its place, and what there is to say of it."""
-    compiler, system = shutil.which("cc"), SYSTEMS.get(sys.platform)
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    system = SYSTEMS.get(sys.platform)
     machine = MACHINES.get(platform.machine().lower())
     if compiler is None or system is None or machine is None:
-        return {}, ["no C compiler (cc) is installed: the unit has sources alone"]
+        return {}, [f"no C compiler ({' or '.join(COMPILERS)}) is installed: the unit has sources alone"]
     folder, suffix = system
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)

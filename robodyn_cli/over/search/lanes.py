@@ -24,11 +24,16 @@ class Lanes(Generic[Question, Reply, Outcome]):
     Parameters
     ----------
     answer : gives the replies to the questions of those solvers that have one, in the order of the solvers. It is
-    called in the thread that calls ``run``, like all that makes runs.
+    called in the thread that calls ``run``, like all that makes runs. tell : is told there how many solvers have
+    ended, each time that questions are answered.
     """
 
-    def __init__(self, answer: Callable[[Sequence[Question]], Sequence[Reply]]) -> None:
-        self._answer = answer
+    def __init__(
+        self,
+        answer: Callable[[Sequence[Question]], Sequence[Reply]],
+        tell: Callable[[int], None] = lambda ended: None,
+    ) -> None:
+        self._answer, self._tell = answer, tell
         self._inbox: SimpleQueue[tuple[int, Any]] = SimpleQueue()
 
     def run(self, solvers: Sequence[Callable[[Callable[[Question], Reply]], Outcome]]) -> list[Outcome]:
@@ -67,6 +72,7 @@ class Lanes(Generic[Question, Reply, Outcome]):
             while live:
                 for k, reply in self._round(live):
                     replies[k].put(reply)
+                self._tell(len(solvers) - len(live))
         except BaseException:
             for k in live:
                 replies[k].put(StoppedLane())

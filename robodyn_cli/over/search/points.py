@@ -19,11 +19,12 @@ from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.gradients import SOLVED
 from robodyn_cli.over.sensitivity.report import exact_slopes
-from robodyn_cli.over.study.rows import Points, RunRows, joined
+from robodyn_cli.over.study.rows import Points, RunRows, joined, told
 from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
 from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.progress import Progress, no_progress
 
 WIDEST, NARROWEST = 1e-2, 1e-5  # part of the way between bounds, by which differences change a key
 ROUNDING = 1e-15  # of outputs
@@ -98,7 +99,7 @@ class PointMaker:
         self._able: list[int] | None = None  # keys of which there are exact derivatives
 
     # -- runs -----------------------------------------------------------------------------------------------
-    def runs(self, xs: Sequence[Array]) -> list[DesignPoint]:
+    def runs(self, xs: Sequence[Array], progress: Progress = no_progress) -> list[DesignPoint]:
         """Return the points with these values of the keys (K,)."""
         new = [x for x in {x.tobytes(): x for x in xs}.values() if x.tobytes() not in self._known]
         left = []
@@ -108,7 +109,7 @@ class PointMaker:
             else:
                 left.append(x)
         if left:
-            made, compiled = self._made(Points(np.arange(len(left)), np.array(left)))
+            made, compiled = self._made(Points(np.arange(len(left)), np.array(left)), progress)
             order = np.argsort(made.runs, kind="stable")
             for k, (x, row) in enumerate(zip(left, made.rows[order])):
                 y, error, code = row["outputs"].copy(), row["errors"].copy(), int(row["code"])
@@ -116,14 +117,15 @@ class PointMaker:
                 self._take(DesignPoint(len(self.points), x, y, error, code, reason, k in compiled))
         return [self._known[x.tobytes()] for x in xs]
 
-    def _made(self, points: Points) -> tuple[RunRows, set[int]]:
+    def _made(self, points: Points, progress: Progress) -> tuple[RunRows, set[int]]:
         """Return the rows of runs, and the numbers of those that compiled code makes."""
-        parts = []
+        parts, count = [], len(points)
         if self._compiled is not None:
             parts.append(self._compiled.make(points))
             points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
         compiled = {run for part in parts for run in part.runs.tolist()}
-        parts += one_by_one(self.search.task, Waiting([points]), self.jobs)
+        alone = one_by_one(self.search.task, Waiting([points]), self.jobs)
+        parts += told(alone, count, progress, count - len(points))
         return joined(parts), compiled
 
     def _take(self, point: DesignPoint, is_new: bool = True) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from robodyn_cli.over.study.rows import RunRows
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.progress import Progress, no_progress
 
 MOST_LANES = 64  # solvers at a time
 DRAWS = 8  # points that are tried for each start, since runs may fail there
@@ -43,8 +45,8 @@ class EndedSearch:
     summary: Mapping[str, Any]
 
 
-def run_search(search: Search, maker: PointMaker) -> EndedSearch:
-    """Make a search.
+def run_search(search: Search, maker: PointMaker, progress: Progress = no_progress) -> EndedSearch:
+    """Make a search; tell of how many starts the solvers have ended, or how many runs of all choices are made.
 
     Raises
     ------
@@ -52,14 +54,14 @@ def run_search(search: Search, maker: PointMaker) -> EndedSearch:
     """
     combinations = list(search.combinations())
     if not search.continuous:
-        made = maker.runs(combinations)
+        made = maker.runs(combinations, progress)
         good = _good(made, maker)
         scaled = ScaledSearch(search, combinations[0], sizes_of(good))
         ways = [
             (k, SolverWay(scaled, (point,), (), point.is_good, point.reason)) for k, point in enumerate(made)
         ]
     else:
-        begun = _beginnings(search, maker, combinations)
+        begun = _beginnings(search, maker, combinations, progress)
         sizes = sizes_of(_good([p for _, _, p in begun], maker))
         begun = [one for one in begun if one[2].is_good]
         ways, met = [], FirstMet()
@@ -67,7 +69,7 @@ def run_search(search: Search, maker: PointMaker) -> EndedSearch:
             part = begun[first : first + MOST_LANES]
             solvers = [Solver(ScaledSearch(search, combinations[k], sizes), u, met) for k, u, _ in part]
             lanes: Lanes[Asks, tuple[DesignPoint, OutputSlopes | None], SolverWay] = Lanes(
-                lambda a: _answer(maker, a)
+                functools.partial(_answer, maker), functools.partial(_tell, progress, first, len(begun))
             )
             ends = lanes.run(solvers)
             ways += [(k, way) for (k, _, _), way in zip(part, ends)]
@@ -111,7 +113,7 @@ def _good(points: Sequence[DesignPoint], maker: PointMaker) -> list[DesignPoint]
 
 
 def _beginnings(
-    search: Search, maker: PointMaker, combinations: Sequence[Array]
+    search: Search, maker: PointMaker, combinations: Sequence[Array], progress: Progress
 ) -> list[tuple[int, Array, DesignPoint]]:
     """Return starts: the number of a combination, u between the bounds, and the run there.
 
@@ -124,7 +126,7 @@ def _beginnings(
         drawn = [(k, u) for k, count in enumerate(lacking) for _, u in zip(range(count), sources[k])]
         if not drawn:
             break
-        made = maker.runs([search.value_of(u, combinations[k]) for k, u in drawn])
+        made = maker.runs([search.value_of(u, combinations[k]) for k, u in drawn], progress)
         begun += [(k, u, point) for (k, u), point in zip(drawn, made)]
         good = [k for k, _, point in begun if point.is_good]
         lacking = [search.options.starts - good.count(k) for k in range(len(combinations))]
@@ -140,6 +142,11 @@ def _places(search: Search) -> Iterator[Array]:
     most = DRAWS * search.options.starts
     samples: Samples = make_samples("sobol", most, len(low), search.options.seed)
     yield from samples.rows(0, most)
+
+
+def _tell(progress: Progress, before: int, total: int, ended: int) -> None:
+    """Tell of how many starts the solvers have ended."""
+    progress(before + ended, total, "starts")
 
 
 def _answer(maker: PointMaker, asks: Sequence[Asks]) -> list[tuple[DesignPoint, OutputSlopes | None]]:

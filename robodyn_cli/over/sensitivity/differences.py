@@ -26,6 +26,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.deploy import GROWTH
 from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.tools.progress import Progress, no_progress
 
 EXACT, DIFFERENCES = "exact", "differences"
 
@@ -67,27 +68,33 @@ ROUNDING = 2e-16  # of an output, which no run tells
 SIDES = (1.0, -1.0)
 
 
-def differences(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+def differences(
+    asked: AskedSlopes, keys: Sequence[int], jobs: int, progress: Progress = no_progress
+) -> dict[int, list[Slope]]:
     """Return the derivatives of all outputs by some keys, which are named by their numbers."""
     by_key: dict[int, list[Slope]] = {}
     # keys that may move times keep runs out of compiled code
     for moves in (False, True):
         if some := [k for k in keys if times_vary([asked.keys[k]]) == moves]:
-            by_key.update(_together(asked, some, jobs))
+            by_key.update(_together(asked, some, jobs, progress))
     return by_key
 
 
-def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+def _together(
+    asked: AskedSlopes, keys: Sequence[int], jobs: int, progress: Progress
+) -> dict[int, list[Slope]]:
     """Return the derivatives by some keys, from runs of one study, with narrower changes where all are too wide."""
-    sides = _sides(asked, keys, 0, jobs)
+    sides = _sides(asked, keys, 0, jobs, progress)
     outputs = range(len(asked.task.outputs))
     if wide := [k for k in keys if any(sides[k].is_too_wide(output) for output in outputs)]:
-        narrower = _sides(asked, wide, LEVELS, jobs)
+        narrower = _sides(asked, wide, LEVELS, jobs, progress)
         sides |= {k: sides[k].beside(narrower[k]) for k in wide}
     return {k: [own.slope(output) for output in outputs] for k, own in sides.items()}
 
 
-def _sides(asked: AskedSlopes, keys: Sequence[int], first: int, jobs: int) -> dict[int, Sides]:
+def _sides(
+    asked: AskedSlopes, keys: Sequence[int], first: int, jobs: int, progress: Progress
+) -> dict[int, Sides]:
     """Return runs at changes of each key, from so many levels below the widest on."""
     task = Task(
         asked.task.family, asked.task.command, tuple(asked.task.keys[k] for k in keys), asked.task.outputs
@@ -98,7 +105,7 @@ def _sides(asked: AskedSlopes, keys: Sequence[int], first: int, jobs: int) -> di
         steps = widest / NARROWER ** np.arange(first, first + LEVELS)
         points[place, :, :, place] += np.outer(steps, SIDES)
     numbers = np.arange(points.size // len(keys))
-    made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs)
+    made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs, progress=progress)
     rows = np.empty_like(made.rows)
     rows[made.runs] = made.rows
     integrated = COMMANDS[task.command].streamed

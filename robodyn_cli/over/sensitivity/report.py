@@ -41,7 +41,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.study import OF_KEY, OF_OUTPUT, NominalNumber, SensitivitySummary, SlopeKeys
-from robodyn_cli.tools.progress import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 Programs = Sequence[Program]
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
@@ -243,12 +243,12 @@ class Sensitivities:
     obstacles: dict[int, str]
 
 
-def sensitivities(asked: AskedSlopes, jobs: int = 1) -> Sensitivities:
+def sensitivities(asked: AskedSlopes, jobs: int = 1, progress: Progress = no_progress) -> Sensitivities:
     """Return the derivatives of all outputs by all keys.
 
     Parameters
     ----------
-    jobs : processes or threads for runs of central differences.
+    jobs : processes or threads for runs of central differences. progress : is told how many of these are made.
     """
     exact, obstacles = exact_slopes(asked)
     outputs, count = asked.task.outputs, len(asked.keys)
@@ -259,7 +259,7 @@ def sensitivities(asked: AskedSlopes, jobs: int = 1) -> Sensitivities:
         for k in range(count)
     }
     rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
-    others = differences(asked, rest, jobs)
+    others = differences(asked, rest, jobs, progress)
     slopes = tuple(
         tuple(exact.get((name, k)) or others[k][place] for k in range(count))
         for place, name in enumerate(outputs)

@@ -10,10 +10,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, write_bytes
 from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.progress import Progress
 
 Runs = NDArray[np.int64]
 
@@ -119,7 +120,7 @@ class RowFile:
     def __init__(self, directory: Path, task: Task, design: Design, head: Mapping[str, str]) -> None:
         self.path, self._reasons_path = directory / ROWS_NAME, directory / REASONS_NAME
         self.design, self.layout, self._head = design, task.layout, head
-        self.done = 0
+        self.done, self._opened = 0, contextlib.ExitStack()
         self.reasons: dict[
             int, tuple[int, str]
         ] = {}  # by exit code: the first run that failed with it, and why
@@ -130,9 +131,10 @@ class RowFile:
     def __enter__(self) -> RowFile:
         with output_errors(self.path):
             earlier = self._begin()
-            self._file = open(self.path, "r+b" if self.path.exists() else "w+b", buffering=0)
+            mode: Literal["r+b", "w+b"] = "r+b" if self.path.exists() else "w+b"
+            self._file = self._opened.enter_context(open(self.path, mode, buffering=0))
             self._file.truncate(len(self) * self.layout.itemsize)
-            self._reasons_file = open(self._reasons_path, "a", encoding="utf-8")
+            self._reasons_file = self._opened.enter_context(open(self._reasons_path, "a", encoding="utf-8"))
         self.done = sum(int(np.count_nonzero(rows["done"])) for _, rows in self.blocks())
         if earlier is not None:
             self.take_over(earlier)
@@ -173,9 +175,11 @@ class RowFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._close()
+
+    def _close(self) -> None:
         with contextlib.suppress(OSError):
-            self._file.close()
-            self._reasons_file.close()
+            self._opened.close()
 
     def blocks(self) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield all rows, a block at a time, each with the number of its first run."""
@@ -233,9 +237,18 @@ class RowFile:
         return Missing(self)
 
     def forget(self) -> None:
-        """Remove the files."""
+        """Remove the files; on Windows only those go that nobody has open."""
+        self._close()
         for path in (self.path, self._old, self._reasons_path):
             discard(path)
+
+
+def told(parts: Iterable[RunRows], total: int, progress: Progress, done: int = 0) -> Iterator[RunRows]:
+    """Yield the rows of runs as they are made, and tell how many of all there are, of which some were there before."""
+    for part in parts:
+        yield part
+        done += len(part.runs)
+        progress(done, total, "runs")
 
 
 class Missing:

@@ -29,13 +29,13 @@ from robodyn_cli.over.many.command import STATUS, BatchCommand, ManyRuns, ended,
 from robodyn_cli.over.many.groups import Built
 from robodyn_cli.over.many.keys import Key, settings
 from robodyn_cli.over.many.mechanism import Mechanism
-from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
+from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed, told
 from robodyn_cli.registry import Registry
 from robodyn_cli.results.atomic import uninterrupted
 from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.threads import without_main
-from robodyn_cli.tools.progress import Stopwatch, no_progress
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
@@ -255,17 +255,18 @@ def cost_of(seconds: float) -> str:
     return f"that of the scene as it stands took {seconds:.2g} s"
 
 
-def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> RunRows:
+def run_points(
+    task: Task, points: Points, jobs: int, compiled: Compiled | None = None, progress: Progress = no_progress
+) -> RunRows:
     """Return the rows of runs that are few enough for memory.
 
     jobs : as for ``run_here``. compiled : code of the task that is there already.
     """
-    parts = []
+    parts, n = [], len(points)
     if suits(task):
         parts.append((compiled or Compiled(task, jobs)).make(points))
         points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
-    parts += one_by_one(task, Waiting([points]), jobs)
-    return joined(parts)
+    return joined([*parts, *told(one_by_one(task, Waiting([points]), jobs), n, progress, n - len(points))])
 
 
 def one_by_one(task: Task, missing: SceneSource, jobs: int) -> Iterator[RunRows]:
