@@ -134,15 +134,18 @@ def _number_first(leaves: Iterable[Leaf | None]) -> Leaf | None:
     return first
 
 
-def leaves_of(command: str) -> Iterator[tuple[tuple[str, ...], Leaf]]:
-    """Yield every key of the summaries of a command as steps, with what stands there.
+@functools.cache
+def leaves_of(command: str) -> Sequence[tuple[tuple[str, ...], Leaf]]:
+    """Return every key of the summaries of a command as steps, with what stands there.
 
     A kind of names (``JOINT``) stands for each of these, 0 for each place in a list.
     """
-    for place in (*COMMANDS[command].summary, *EVERY_RUN):
-        for name, (kind, fact) in fields_at(place).items():
-            for steps, leaf in _below(kind, fact):
-                yield (name, *steps), leaf
+    return tuple(
+        ((name, *steps), leaf)
+        for place in (*COMMANDS[command].summary, *EVERY_RUN)
+        for name, (kind, fact) in fields_at(place).items()
+        for steps, leaf in _below(kind, fact)
+    )
 
 
 def _below(kind: Any, fact: Fact) -> Iterator[tuple[tuple[str, ...], Leaf]]:

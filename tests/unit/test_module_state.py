@@ -56,6 +56,7 @@ KEEPERS = {
     "solve/quadrature.py: _weights",
     "summaries/keys.py: fields_at",
     "summaries/keys.py: leaf_of",
+    "summaries/keys.py: leaves_of",
     "torques/checks.py: _hermite",
     "version.py: code_digest",
 }

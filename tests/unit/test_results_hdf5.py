@@ -15,8 +15,8 @@ import pytest
 
 from robodyn_cli.errors import OutputError, ResultFileError
 from robodyn_cli.foreign import survive
-from robodyn_cli.results import catalogue
-from robodyn_cli.results.hdf5 import ResultWriter, read, write
+from robodyn_cli.results import catalogue, hdf5
+from robodyn_cli.results.hdf5 import ResultWriter, read, reader, write
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import four_bar_result, inverse_result
 
@@ -335,6 +335,43 @@ def test_an_endless_loop_and_a_crash_in_the_library_are_errors() -> None:
     with pytest.raises(RuntimeError, match="crashes on it .SIGKILL"):
         survive(crash, 10.0, "the library")
     survive(lambda: 1 / 0, 10.0, "the library")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing is tried where processes cannot be forked")
+def test_one_process_tries_all_files_that_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a damaged one among them, each is tried alone: the library may loop forever or refuse it."""
+    forks = []
+    fork = os.fork
+    monkeypatch.setattr(os, "fork", lambda: forks.append(1) or fork())
+    paths = [write(inverse_result(), tmp_path / f"{k}.h5") for k in range(5)]
+    results = hdf5.read_all(paths)
+    assert len(forks) == 1 and len(results) == 5
+    for result in results:
+        same(result, inverse_result())
+    paths[2].write_bytes(paths[2].read_bytes()[:3000])
+    with pytest.raises(ResultFileError, match="2.h5 cannot be read"):
+        hdf5.read_all(paths)
+    (tmp_path / "2.h5").unlink()
+    with pytest.raises(ResultFileError, match="2.h5: no such file"):
+        hdf5.read_all(paths)
+    assert hdf5.read_all([]) == []
+
+
+def test_of_files_that_crash_the_library_it_says_which(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [write(inverse_result(), tmp_path / f"{k}.h5") for k in range(3)]
+    ours = os.getpid()
+
+    def crashing(path: Path, select: object) -> Result:
+        if path == paths[1] and os.getpid() != ours:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return read_here(path, select)
+
+    read_here = reader._read
+    monkeypatch.setattr(reader, "_read", crashing)
+    with pytest.raises(ResultFileError, match="1.h5 cannot be read as HDF5: the HDF5 library crashes"):
+        hdf5.read_all(paths)
 
 
 def test_a_pipe_is_refused(tmp_path: Path) -> None:

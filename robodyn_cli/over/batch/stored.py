@@ -53,7 +53,10 @@ def read_stored(path: Stored, select: Callable[[str], bool] | None = None) -> Re
     """
     if isinstance(path, Result):
         return path
-    result = hdf5.read(result_path(path), select)
+    return _of_one_run(path, hdf5.read(result_path(path), select))
+
+
+def _of_one_run(path: Path, result: Result) -> Result:
     if (
         path.is_dir()
         and (summary := read_summary(path / SUMMARY_NAME))
@@ -64,12 +67,17 @@ def read_stored(path: Stored, select: Callable[[str], bool] | None = None) -> Re
 
 
 def read_all(stored: Sequence[Stored]) -> list[tuple[Path, Result]]:
-    """Return results with their paths; those in memory are told apart by their commands and numbers."""
+    """Return results with their paths; those in memory are told apart by their commands and numbers.
+
+    Raises
+    ------
+    ResultFileError : as ``read_stored``.
+    """
+    files = iter(hdf5.read_all([result_path(one) for one in stored if not isinstance(one, Result)]))
     return [
-        (
-            Path("in memory") / f"{one.command} {k}" / RESULT_NAME if isinstance(one, Result) else one,
-            read_stored(one),
-        )
+        (Path("in memory") / f"{one.command} {k}" / RESULT_NAME, one)
+        if isinstance(one, Result)
+        else (one, _of_one_run(one, next(files)))
         for k, one in enumerate(stored, start=1)
     ]
 

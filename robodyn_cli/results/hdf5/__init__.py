@@ -8,17 +8,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from robodyn_cli.results.hdf5.reader import read
+    from robodyn_cli.results.hdf5.reader import read, read_all
     from robodyn_cli.results.hdf5.writer import ResultWriter, write
 
-__all__ = ["ResultWriter", "read", "write"]
+__all__ = ["ResultWriter", "read", "read_all", "write"]
 
 
 def __getattr__(name: str) -> Any:
-    if name == "read":
-        from robodyn_cli.results.hdf5.reader import read
+    if name in ("read", "read_all"):
+        from robodyn_cli.results.hdf5 import reader
 
-        return read
+        return getattr(reader, name)
     if name in ("ResultWriter", "write"):
         from robodyn_cli.results.hdf5 import writer
 

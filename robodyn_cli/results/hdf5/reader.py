@@ -4,7 +4,8 @@ on a damaged file, or loop forever."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -73,6 +74,7 @@ ROOM, EXPANSION = 1_000_000_000, 100
 # time limit of reading a file [s]; a damaged one may make the library loop forever
 SECONDS = 10.0
 BYTES_PER_SECOND = 5e6
+LIBRARY = "the HDF5 library"
 T = TypeVar("T")
 
 _FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
@@ -90,6 +92,32 @@ def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Resul
     return guarded(path, partial(_read, path, select))
 
 
+def read_all(paths: Sequence[Path]) -> list[Result]:
+    """Return the results stored at paths, which one process tries for all of them: to start it takes longer than to
+    read a small file.
+
+    Raises
+    ------
+    ResultFileError : as ``read``, of the first file that cannot be read.
+    """
+    if not paths:
+        return []
+    for path in paths:
+        _openable(path)
+    actions = [partial(_read, path, None) for path in paths]
+
+    def each() -> None:
+        for action in actions:
+            with suppress(Exception):  # told where it is read here
+                action()
+
+    try:
+        survive(each, sum(map(_seconds, paths)), LIBRARY)
+    except (TimeoutError, RuntimeError):
+        return [read(path) for path in paths]  # which says whose fault it is
+    return [_told(path, action) for path, action in zip(paths, actions)]
+
+
 def guarded(path: Path, action: Callable[[], T]) -> T:
     """Return what reading a file gives, which is tried in a process of its own first.
 
@@ -97,6 +125,16 @@ def guarded(path: Path, action: Callable[[], T]) -> T:
     ------
     ResultFileError : there is no such file, or it is damaged.
     """
+    _openable(path)
+
+    def tried() -> T:
+        survive(action, _seconds(path), LIBRARY)
+        return action()
+
+    return _told(path, tried)
+
+
+def _openable(path: Path) -> None:
     try:
         opened(path).close()
     except IsADirectoryError:
@@ -104,8 +142,16 @@ def guarded(path: Path, action: Callable[[], T]) -> T:
     except (OSError, ValueError) as error:
         reason = "no such file" if isinstance(error, FileNotFoundError) else error.args[-1]
         raise ResultFileError(f"{path}: {reason}", path=str(path)) from None
+
+
+def _seconds(path: Path) -> float:
+    """Return the time in which a file has to be read."""
+    return SECONDS + path.stat().st_size / BYTES_PER_SECOND
+
+
+def _told(path: Path, action: Callable[[], T]) -> T:
+    """Return what reading a file gives; each error says which file it is about."""
     try:
-        survive(action, SECONDS + path.stat().st_size / BYTES_PER_SECOND, "the HDF5 library")
         return action()
     except ResultFileError:
         raise
