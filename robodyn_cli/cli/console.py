@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import json
 import os
 import re
 import shutil
@@ -24,6 +23,7 @@ from robodyn_cli.errors import (
     out_of_range,
 )
 from robodyn_cli.foreign import printable
+from robodyn_cli.results.json_text import indented  # an interrupted run must import nothing more
 
 if TYPE_CHECKING:
     from robodyn_cli.cli.progress_line import ProgressLine
@@ -80,8 +80,7 @@ class Console:
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
         if self.as_json:
-            ascii_only = not _encodes(sys.stdout)
-            _print(printable(json.dumps(report, ensure_ascii=ascii_only, indent=2)), sys.stdout)
+            _print(printable(indented(report, ensure_ascii=not _encodes(sys.stdout))), sys.stdout)
 
     def fail(self, error: RobodynError) -> int:
         """Report the error that ended the command; return its exit code."""

@@ -225,19 +225,18 @@ def _place_links(scene: sc.Scene, values: _Values, merge: bool) -> tuple[dict[st
 
 def _topological(robot: sc.Robot) -> list[int]:
     """Return joint indices, parents first, otherwise in the order of the YAML."""
-    owner = {moved_link(robot, k): k for k in range(len(robot.joints))}
+    joints = range(len(robot.joints))
+    hanging: dict[str, list[int]] = {}
+    for k in joints:
+        hanging.setdefault(parent_link(robot, k), []).append(k)
     order: list[int] = []
-    done = {"base"}
-    pending = list(range(len(robot.joints)))
-    while pending:
-        ready = [k for k in pending if parent_link(robot, k) in done]
-        if not ready:
-            raise SceneError(f"joint {robot.joints[pending[0]].name!r} does not hang on the base")
-        for k in ready:
-            order.append(k)
-            done.add(moved_link(robot, k))
-        pending = [k for k in pending if k not in ready]
-    assert len(owner) == len(order)
+    ready = hanging.get("base", [])
+    while ready:
+        order += ready
+        ready = sorted(k for one in ready for k in hanging.get(moved_link(robot, one), ()))
+    if len(order) < len(joints):
+        loose = min(set(joints) - set(order))
+        raise SceneError(f"joint {robot.joints[loose].name!r} does not hang on the base")
     return order
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from robodyn_cli.foreign import contents
 from robodyn_cli.results.atomic import write_bytes
+from robodyn_cli.results.json_text import NUMBERS, indented
 from robodyn_cli.summaries.facts import ABSENT, key_of
 
 MOST_BYTES = 100_000_000  # of a summary
@@ -33,7 +34,7 @@ LEADING_KEYS = (
     "energy_drift",
     "constraint_residual",
 )
-PLAIN = frozenset({float, int, bool, str, type(None)})
+PLAIN = NUMBERS | {str}
 TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 
 
@@ -90,14 +91,14 @@ def ordered(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {key: summary[key] for key in keys if key in summary}
 
 
-def dumps(summary: Mapping[str, Any], indent: int | None = 2) -> str:
-    """Return ``summary`` as strict JSON text."""
-    return json.dumps(jsonable(ordered(summary)), indent=indent, ensure_ascii=False, allow_nan=False)
+def dumps(summary: Mapping[str, Any]) -> str:
+    """Return ``summary`` as strict JSON text on one line."""
+    return json.dumps(jsonable(ordered(summary)), ensure_ascii=False, allow_nan=False)
 
 
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
     """Write ``summary`` to ``path`` atomically."""
-    write_bytes(Path(path), (dumps(summary) + "\n").encode())
+    write_bytes(Path(path), (indented(jsonable(ordered(summary))) + "\n").encode())
 
 
 def read_summary(path: str | Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import pytest
 
 from robodyn_cli.errors import OutputError
 from robodyn_cli.results.hdf5 import ResultWriter, read, write
+from robodyn_cli.results.json_text import indented
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import dumps, write_summary
 
@@ -112,7 +113,27 @@ def test_summary_is_strict_json_in_a_fixed_order(tmp_path: Path) -> None:
     assert back["array"] == [1.0, None] and back["flag"] is True and back["path"] == "a/b"
     assert back["termination"]["time"] is None
     assert [path.name for path in tmp_path.iterdir()] == ["summary.json"]
-    assert dumps(dict(reversed(summary.items())), indent=None).startswith('{"status": "ok", "termination"')
+    assert dumps(dict(reversed(summary.items()))).startswith('{"status": "ok", "termination"')
+
+
+def test_summaries_are_read_by_people() -> None:
+    """A key a line, numbers of a list on one, as large matrices have a million; the same data as Python reads it."""
+    data = {
+        "none": {},
+        "empty": [],
+        "row": [1, 2.5, None, True],
+        "words": ["x", 'é"\n'],
+        "in": {"matrix": [[1.0, 2.0], [3.0]], "mixed": [{"h": 1}, [], ["a", 1]]},
+    }
+    for ascii_only in (False, True):
+        assert json.loads(indented(data, ascii_only)) == data
+        assert indented(data, ascii_only).isascii() == ascii_only
+    lines = indented(data).splitlines()
+    assert lines[3] == '  "row": [1, 2.5, null, true],' and lines[10:12] == [
+        "      [1.0, 2.0],",
+        "      [3.0]",
+    ]
+    assert indented({}) == "{}"
 
 
 def test_summary_errors_name_the_path_or_the_value(tmp_path: Path) -> None:

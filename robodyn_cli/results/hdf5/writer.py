@@ -311,7 +311,7 @@ class ResultWriter:
             "events/time": self._file.whole("events/time", times),
             "events/name": self._file.text("events/name", [str(event.get("name", "")) for event in events]),
             "events/kind": self._file.text("events/kind", [str(event.get("kind", "")) for event in events]),
-            "events/details": self._file.text("events/details", [dumps(item, indent=None) for item in rest]),
+            "events/details": self._file.text("events/details", [dumps(item) for item in rest]),
         }
         scale = self._file.bare_dimension("event", len(events))
         for entry in catalogue.EVENT_ENTRIES:
