@@ -21,6 +21,12 @@ def test_command_line(tmp_path: Path) -> None:
     assert done.code == 0, done.err
     assert "about the pose, held by constant torques" in done.out and "holding torques" in done.out
     files = {path.name for path in out.iterdir()}
+    # all poles are real: two grow, none oscillates; each figure stands in the column of the others
+    assert done.out.count(" -        -  grows e times") == 2 == done.out.count(" -        -  decays to 1/e")
+    assert "1/s grows e times in " in done.out
+    columns = {line.index(line[2:].split("  ")[-1].lstrip()) for line in done.out.splitlines() if "  linear model " in line
+               or "  stability " in line}  # fmt: skip
+    assert columns == {21}
     assert {"result.h5", "summary.json", "poles.png", "mode_shapes.png", "frequency_response.png"} <= files
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["configuration"]["theta1"] == pytest.approx(np.radians(20))

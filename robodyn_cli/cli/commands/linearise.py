@@ -18,6 +18,7 @@ from robodyn_cli.errors import SceneError
 BALANCE, START = "balance", "start"
 MOVING = 1e-3  # amplitude of a coordinate below which a mode's line leaves it out
 MOST = 4  # coordinates of a mode that are listed
+HEADS = ["pole [1/s]", "error [1/s]", "frequency [Hz]", "damping", "", "in [s]"]
 WIDE = 200  # the table of modes is not divided
 ABOUT = {
     "state": "about the state",
@@ -242,12 +243,12 @@ def _loop(summary: Mapping[str, Any]) -> list[str]:
 
 def _modes(of: Mapping[str, Any], when: str = "") -> list[str]:
     """Return the lines of a system's modes."""
-    rows = [["pole 1/s", "error", "frequency Hz", "damping", "decay s"], *map(_row, of["modes"])]
+    rows = [HEADS, *map(_row, of["modes"])]
     moves = ["moves", *map(_moves, of["modes"])]
     lines = [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
     # with a controller these are poles of what it drives
-    head = "  without control    " if "closed_loop" in of else f"  stability{when:<10} "
-    return [f"{head}{_stability(of)}", "  modes, slowest first:", *lines]
+    name = "without control" if "closed_loop" in of else f"stability{when}"
+    return [f"  {name:<18} {_stability(of)}", "  modes, slowest first:", *lines]
 
 
 def _stability(of: Mapping[str, Any]) -> str:
@@ -255,18 +256,20 @@ def _stability(of: Mapping[str, Any]) -> str:
     word: str = of["stability"]
     fastest = max(of["modes"], key=lambda mode: mode["real"])
     if word == "unstable":
-        return (
-            f"unstable: what pole {_pole(fastest)} 1/s moves grows e times in {number(fastest['time'], 4)} s"
-        )
+        return f"unstable: the mode of the pole {_pole(fastest)} 1/s grows e times in {number(fastest['time'], 4)} s"
     if any(mode["multiplicity"] > 1 for mode in of["modes"]):
-        return f"{word}; what a double pole at 0 moves goes on at the rate that it has"
+        return f"{word}; the mode of a double pole at 0 goes on at the rate that it has"
     return word
 
 
 def _row(mode: Mapping[str, Any]) -> list[str]:
     note = "" if mode["reached"] and mode["shown"] else " *"
-    figures = (number(mode[key], digits) for key, digits in (("frequency", 5), ("damping", 4), ("time", 4)))
-    return [_pole(mode) + note, error_text(mode["error"]), *figures]
+    # only a pair of complex poles oscillates
+    oscillation = ["-", "-"]
+    if mode["imaginary"]:
+        oscillation = [number(mode["frequency"], 5), number(mode["damping"], 4)]
+    way = "" if mode["time"] is None else "grows e times" if mode["real"] > 0.0 else "decays to 1/e"
+    return [_pole(mode) + note, error_text(mode["error"]), *oscillation, way, number(mode["time"], 4)]
 
 
 def _pole(mode: Mapping[str, Any]) -> str:
