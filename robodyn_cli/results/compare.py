@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.result import Result, Variable, units_of
 from robodyn_cli.results.stated_errors import beyond, stated_error
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import rounded_up
@@ -19,6 +19,8 @@ from robodyn_cli.summaries.facts import rounded_up
 RANK = {"missing": 0, "shape": 0, "units": 0, "names": 0, "entries": 0, "differs": 1, "equal": 2, "extra": 3}
 # what explains the other differences comes before them
 FIRST = ("status", "events", "time")
+# times that are one but for rounding, as of t = k h with other k and h
+SAME_TIME = 4 * np.finfo(float).eps
 # columns that a clock has measured: no two runs have the same ones
 CLOCKED = ("seconds", "run_time_s", "compile_time_s")
 
@@ -31,7 +33,7 @@ class Difference:
     ``"extra"`` (only in the result), ``"shape"``, ``"units"``, ``"names"``, or ``"entries"`` of a dataset that holds
     no numbers. The other fields describe the worst sample: ``ratio`` is its error over what is allowed there,
     ``stated`` the sum of the errors that both results state there, None where one states none. ``within_stated`` tells
-    whether no sample is farther off than that.
+    whether no sample is farther off than that. ``unit`` is that of the column.
     """
 
     path: str
@@ -45,6 +47,7 @@ class Difference:
     column: str = ""
     stated: float | None = None
     within_stated: bool | None = None
+    unit: str = ""
 
     @property
     def agrees(self) -> bool:
@@ -60,14 +63,15 @@ class Difference:
             return self.detail
         column = f" of {self.column}" if self.column else ""
         time = f" at t = {self.time:.9g} s" if self.time is not None else ""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
         beside = f"{self.ratio:.3g} times the tolerance"
         if self.stated is None:
             beside += "; no error stated"
         else:
             side = "within" if self.within_stated else "beyond"
-            beside += f"; {side} the stated errors, {rounded_up(self.stated):.2g}"
-        worst = f"worst {rounded_up(self.error, 3):.3g}{column}{time}"
-        return f"{worst}: {self.value:.12g} instead of {self.expected:.12g} ({beside})"
+            beside += f"; {side} the stated errors, {rounded_up(self.stated):.2g}{unit}"
+        worst = f"worst {rounded_up(self.error, 3):.3g}{unit}{column}{time}"
+        return f"{worst}: {self.value:.12g}{unit} instead of {self.expected:.12g}{unit} ({beside})"
 
 
 @record
@@ -108,11 +112,16 @@ def compare(
 
     The reference is the largest magnitude of the baseline's column (``relative_to="peak"``: a zero crossing
     is no trap) or the baseline's value at each sample (``"sample"``). Columns that a clock has measured are not
-    compared. A status that is another one is a difference ``status``.
+    compared. A status that is another one is a difference ``status``. Where the samples are at other times, which is a
+    difference ``time``, those at common times are compared.
     """
     if relative_to not in ("peak", "sample"):
         raise ValueError(f"relative_to is {relative_to!r}; allowed are 'peak' and 'sample'")
     tolerance = _Tolerance(rtol, atol, relative_to)
+    other_times = _other_times(result, baseline, tolerance)
+    if other_times is not None:
+        rows = _common(result.time, baseline.time)
+        result, baseline = (_at(one, there) for one, there in zip((result, baseline), rows))
     differences = [Difference(path, "extra") for path in result.variables if path not in baseline.variables]
     if result.status != baseline.status:
         differences.append(Difference("status", "entries", f"{result.status} instead of {baseline.status}"))
@@ -121,6 +130,9 @@ def compare(
             differences.append(Difference(path, "missing"))
             continue
         actual = result.variables[path]
+        if path == "time" and other_times is not None:
+            differences.append(other_times)
+            continue
         reason = _mismatch(actual, expected)
         if reason is not None:
             differences.append(Difference(path, *reason))
@@ -135,9 +147,67 @@ def compare(
     return Comparison(tuple(sorted(differences, key=_sort_key)))
 
 
-def _sort_key(item: Difference) -> tuple[int, float, int, str]:
-    place = FIRST.index(item.path) if item.path in FIRST else len(FIRST)
-    return RANK[item.verdict], -item.ratio, place, item.path
+def _sort_key(item: Difference) -> tuple[int, int, float, str]:
+    explains = item.path in FIRST and not item.agrees
+    place = FIRST.index(item.path) if explains else len(FIRST)
+    return place, RANK[item.verdict], -item.ratio, item.path
+
+
+def _other_times(result: Result, baseline: Result, tolerance: _Tolerance) -> Difference | None:
+    """Return how the times of two results differ; None where samples of one number are at one time, within the
+    tolerance and the errors that are stated of it."""
+    if "time" not in result or "time" not in baseline:
+        return None
+    own, wanted = (one.variables["time"] for one in (result, baseline))
+    worst = Difference("time", "shape")
+    if own.data.shape == wanted.data.shape:
+        stated = _stated(result, baseline, "time")
+        worst = _worst("time", own, wanted, tolerance, stated, wanted.data)
+        allowed = np.fmax(tolerance.allowed(wanted.data), stated)
+        with np.errstate(invalid="ignore"):
+            apart = beyond(own.data - wanted.data, allowed)
+        if worst.verdict == "equal" or not np.any(apart):
+            return None
+    one, other = (f"{len(x.time)} samples{_until(x.time)}" for x in (result, baseline))
+    common = len(_common(result.time, baseline.time)[0])
+    which = "there is no common time" if not common else f"compared at the {common} common times"
+    return dataclasses.replace(worst, detail=f"{one} instead of {other}; {which}")
+
+
+def _until(times: Array) -> str:
+    return f" until {times[-1]:.9g} s" if len(times) else ""
+
+
+def _common(one: Array, other: Array) -> tuple[Array, Array]:
+    """Return the samples of both, as indices, that are at the same time but for rounding.
+
+    Times of several samples of one result are left out: which of them belong together is not known.
+    """
+    places = []
+    for times in (one, other):
+        _, first, count = np.unique(times, return_index=True, return_counts=True)
+        places.append(first[(count == 1) & np.isfinite(times[first])])
+    a, b = one[places[0]], other[places[1]]
+    if not a.size or not b.size:
+        return places[0][:0], places[1][:0]
+    after = np.clip(np.searchsorted(b, a), 1, max(b.size - 1, 1))
+    nearest = np.where(
+        np.abs(b[after - 1] - a) <= np.abs(b[np.minimum(after, b.size - 1)] - a), after - 1, after
+    )
+    nearest = np.minimum(nearest, b.size - 1)
+    same = np.abs(b[nearest] - a) <= SAME_TIME * np.maximum(np.abs(a), np.abs(b[nearest]))
+    return places[0][same], places[1][nearest[same]]
+
+
+def _at(result: Result, samples: Array) -> Result:
+    """Return a result with these samples alone."""
+    variables = {
+        path: dataclasses.replace(variable, data=variable.data[samples])
+        if variable.dims[:1] == ("time",)
+        else variable
+        for path, variable in result.variables.items()
+    }
+    return dataclasses.replace(result, variables=variables)
 
 
 def _others(
@@ -188,6 +258,8 @@ def _stated(result: Result, baseline: Result, path: str) -> Array:
 def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:
     """Return why two variables cannot be compared by value: (verdict, detail)."""
     if actual.data.shape != expected.data.shape:
+        if len(actual.data) == len(expected.data) and actual.data.ndim == expected.data.ndim == 2:
+            return "shape", f"{actual.data.shape[1]} columns instead of {expected.data.shape[1]}"
         return "shape", f"{actual.data.shape} instead of {expected.data.shape}"
     if actual.units != expected.units:
         return "units", f"{actual.units} instead of {expected.units}"
@@ -232,9 +304,16 @@ def _worst(
         expected=float(b[index]),
         time=float(times[index[0]]) if times is not None else None,
         column=_column(expected, index),
+        unit=_unit(expected, index),
         stated=None if np.isnan(bound) else bound,
         within_stated=None if np.isnan(bound) else not np.any(beyond(error, stated)),
     )
+
+
+def _unit(variable: Variable, index: Sequence[Any]) -> str:
+    """Return the unit of the column of an entry."""
+    units = units_of(variable) if variable.data.ndim else [variable.units]
+    return units[index[-1]] if variable.data.ndim > 1 else units[0]
 
 
 def _column(variable: Variable, index: Sequence[Any]) -> str:

@@ -81,7 +81,7 @@ def test_worst_first_then_what_is_only_here(batch: Path) -> None:
     assert worst[0]["within_stated"] is False and 0.0 < worst[0]["stated"] < 1e-12
     told = invoke("compare", batch / "out", batch / "base").out
     assert told.splitlines()[0] == "missing     c/inverse  only in the baseline"
-    assert "tau: worst 0.001 of swing at t = 0.3 s" in told and "beyond the stated errors" in told
+    assert "tau: worst 0.001 N m of swing at t = 0.3 s" in told and "beyond the stated errors" in told
     assert told.splitlines()[-1].startswith("4 results: 1 missing, 2 differ, 1 extra")
     shutil.rmtree(batch / "base/c")
     assert compared(batch, "--atol", "0.01")[0] == 0, "results that only the new directory has do not matter"

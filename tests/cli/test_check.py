@@ -99,14 +99,15 @@ def test_different_results(results: dict[str, Path]) -> None:
     assert rows["q"]["time"] == 2.0 and rows["q"]["error"] == pytest.approx(4e-6, rel=1e-6)
     assert rows["time"]["verdict"] == "equal"
     text = invoke("compare", results["other"], results["same"])[1]
-    assert "worst 4e-06 of swing at t = 2 s: " in text
+    assert "worst 4e-06 rad of swing at t = 2 s: " in text
     assert invoke("compare", results["other"], results["same"], "--atol", "1e-3")[0] == 0
     assert invoke("compare", results["other"], results["same"], "--rtol", "1e-3")[0] == 0
 
 
 def test_different_shapes(results: dict[str, Path]) -> None:
     code, output = invoke("compare", results["longer"], results["same"])
-    assert code == 1 and "(41,) instead of (21,)" in output and "41 samples instead of 21" in output
+    assert code == 1 and "41 samples until 2 s instead of 21 samples until 2 s" in output
+    assert "compared at the 21 common times" in output
 
 
 def test_figures_of_several_results(results: dict[str, Path]) -> None:

@@ -246,20 +246,52 @@ def test_status_comes_first_and_clocks_are_left_out() -> None:
     assert {item.path: item.verdict for item in found}["stability/methods"] == "equal"
 
 
-def test_results_of_other_lengths_say_so_once(tmp_path: Path) -> None:
+def over_time(times: Any, **summary: Any) -> Result:
+    """Return a result whose angle is the square of the time."""
+    result = Result("simulate", "x", "ok", "", summary=summary)
+    result.add("time", times)
+    result.add("q", np.square(times)[:, None], names=("a",), units="rad", dims=("time", "joint"))
+    return result
+
+
+@pytest.mark.parametrize(
+    ("times", "others", "common"),
+    [
+        (np.linspace(0, 10, 1001), np.linspace(0, 20, 1001), 501),
+        (np.linspace(0, 1, 5), np.linspace(0, 1, 3), 3),
+        (np.array([0.0, 0.3, 0.3, 0.5]), np.array([0.0, 0.3, 0.3, 0.6]), 1),
+        (np.array([0.1]), np.array([0.2]), 0),
+    ],
+)
+def test_samples_at_other_times_are_compared_at_common_ones(times: Any, others: Any, common: int) -> None:
+    found = compare(over_time(times), over_time(others)).differences
+    assert found[0].path == "time" and not found[0].agrees
+    assert (f"the {common} common times" if common else "no common time") in found[0].text
+    assert found[1].path == "q" and found[1].verdict == "equal"
+    changed = over_time(times)
+    changed["q"][0] += 1e-3
+    worst = compare(changed, over_time(others)).differences[1]
+    assert worst.agrees is (common == 0)
+    if common:
+        assert (
+            worst.time == 0.0 and worst.error == pytest.approx(1e-3) and "worst 0.001 rad of a" in worst.text
+        )
+
+
+def test_results_of_other_lengths_say_so_first(tmp_path: Path) -> None:
     for name, count in (("long", 5), ("short", 3)):
-        result = Result("simulate", "x", "ok", "")
-        result.add("time", np.linspace(0.0, 1.0, count))
-        for path in ("q", "qd"):
-            result.add(path, np.zeros((count, 1)), names=("a",), units="rad", dims=("time", "joint"))
-        result.add("other", np.zeros(2), units="1", dims=("row",), long_name="no motion")
+        result = over_time(np.linspace(0.0, 1.0, count))
+        for k in range(8):
+            result.add(f"rows/{k}", np.zeros(count + 1), units="1", dims=("row",), long_name="no motion")
+        result.title = name
         write(result, tmp_path / f"{name}.h5")
     done = CliRunner().invoke(app, ["compare", str(tmp_path / "long.h5"), str(tmp_path / "short.h5")])
     assert done.exit_code == 1
     lines = done.output.splitlines()
-    assert (
-        lines[0].split()[:2] == ["shape", "time"]
-        and "2 more datasets over time have 5 samples instead of 3" in lines
-    )
-    assert not any(line.split()[1] in ("q", "qd") for line in lines)
-    assert lines[-1].startswith("4 datasets: 3 differ")
+    assert lines[0] == "scenes    'long' instead of 'short'"
+    assert lines[1].split()[:2] == ["shape", "time"] and "5 samples until 1 s instead of 3" in lines[1]
+    assert lines[2].endswith("rows/5 and 2 more  (6,) instead of (4,)") and lines[3].split()[:2] == [
+        "equal",
+        "q",
+    ]
+    assert lines[4].startswith("10 datasets: 9 differ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +15,11 @@ from robodyn_cli.errors import FAILED
 
 if TYPE_CHECKING:
     from robodyn_cli.over.batch.stored import Compared
+    from robodyn_cli.results.compare import Difference
     from robodyn_cli.results.result import Result
 
+MOST_KEYS = 4  # of the scenes that are told
+MOST_PATHS = 6  # of datasets that could not be compared for the same reason
 PLURAL = {"equal": "agree", "differs": "differ"}
 LEGEND = "≠ differs by more than both errors, ≈ within them; without ± one of the two states no error"
 WORDS = {"missing": "only in the baseline", "extra": "only in the results"}
@@ -105,31 +109,51 @@ def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Consol
     new, old = read_stored(result), read_stored(baseline)
     comparison = compare(new, old, rtol=rtol, atol=atol)
     console.data(jsonable(as_keys(comparison_of(comparison, rtol, atol))))
-    longer = _only_longer(new, old)
-    shown = [item for item in comparison.differences if item.path not in longer]
-    width = max((len(item.path) for item in shown), default=0)
-    for item in shown:
-        console.say(f"{item.verdict:<8} {item.path:<{width}}  {item.text}".rstrip())
-    if longer:
-        samples = f"{len(new.time)} samples instead of {len(old.time)}"
-        console.say(f"{len(longer)} more datasets over time have {samples}")
+    for line in [*_heads(new, old), *_lines(comparison.differences)]:
+        console.say(line)
     bad, count = len(comparison.differing), len(comparison.differences)
     console.say(f"{count} datasets: {f'{bad} differ' if bad else 'all agree'} (rtol {rtol:g}, atol {atol:g})")
     return 0 if comparison.agrees else FAILED
 
 
-def _only_longer(one: Result, other: Result) -> list[str]:
-    """Return the datasets over time that differ in the number of samples alone, as ``time`` itself does."""
-    if "time" not in one or "time" not in other or len(one.time) == len(other.time):
-        return []
-    paths = []
-    for path, variable in one.variables.items():
-        beside = other.variables.get(path)
-        if path == "time" or beside is None or not variable.dims[:1] == beside.dims[:1] == ("time",):
-            continue
-        if variable.data.shape[1:] == beside.data.shape[1:]:
-            paths.append(path)
-    return paths
+def _heads(new: Result, old: Result) -> list[str]:
+    """Return what tells two runs apart before any figure: their commands, and keys of their scenes."""
+    from robodyn_cli.report.page.compared import scene_differences
+
+    lines = []
+    if new.command != old.command:
+        lines.append(f"commands  {new.command} instead of {old.command}")
+    keys = list(scene_differences((new, old)))
+    told = [f"{one.name} {' instead of '.join(_given(value) for value in one.values)}" for one in keys]
+    if new.title != old.title:
+        count = f"; {len(told)} keys differ: --figures lists them" if told else ""
+        lines.append(f"scenes    {new.title!r} instead of {old.title!r}{count}")
+    elif told:
+        more = (
+            f" and {len(told) - MOST_KEYS} more keys: --figures lists them" if len(told) > MOST_KEYS else ""
+        )
+        lines.append(f"scenes    {', '.join(told[:MOST_KEYS])}{more}")
+    return lines
+
+
+def _given(value: str | None) -> str:
+    return "not given" if value is None else str(value)
+
+
+def _lines(differences: Sequence[Difference]) -> list[str]:
+    """Return a line for each dataset that was compared, and one for all that could not be for the same reason."""
+    compared = [item for item in differences if item.verdict in ("differs", "equal")]
+    width = max((len(item.path) for item in compared), default=0)
+    groups: dict[tuple[str, str, bool], list[Difference]] = {}
+    for item in differences:
+        alone = item.verdict in ("differs", "equal")
+        groups.setdefault((item.verdict, item.path if alone else item.text, alone), []).append(item)
+    lines = []
+    for (verdict, _, alone), items in groups.items():
+        paths = ", ".join(item.path for item in items[:MOST_PATHS])
+        more = f" and {len(items) - MOST_PATHS} more" if len(items) > MOST_PATHS else ""
+        lines.append(f"{verdict:<8} {paths + more:<{width if alone else 0}}  {items[0].text}".rstrip())
+    return lines
 
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:

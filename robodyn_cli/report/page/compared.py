@@ -91,14 +91,14 @@ def error_of(value: Any) -> float | None:
 def compared(results: Sequence[Result]) -> list[SideBySide]:
     """Return what tells scenes apart, how runs ended, and the figures that any of the results has."""
     ends = [", ".join(one.words for one in verdicts(result)) for result in results]
-    found = [SideBySide("outcome", ends), *_of_scenes(results)]
+    found = [SideBySide("outcome", ends), *scene_differences(results)]
     told = [dict(_figures(result)) for result in results]
     names = list(dict.fromkeys(name for one in told for name in one))
     figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
     return [*found, *sorted(figures, key=lambda one: (DIFFER, OPEN, WITHIN, "").index(one.mark))]
 
 
-def _of_scenes(results: Sequence[Result]) -> Iterator[SideBySide]:
+def scene_differences(results: Sequence[Result]) -> Iterator[SideBySide]:
     """Yield keys of the scenes that have other values in some of them; those that some lack if these are few."""
     scenes = [leaves_of_text(result.scene_text) for result in results]
     changed, lacking = [], []
