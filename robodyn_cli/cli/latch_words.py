@@ -21,7 +21,7 @@ def latch_lines(summary: Mapping[str, Any]) -> list[str]:
         if "energy_lost" in own:
             parts.append(f"energy lost {number(own['energy_lost'])} J")
         if "peak_moment" in own:
-            parts.append(f"bears up to {number(own['peak_moment'])} {LOAD(own['unit'])}")
+            parts.append(f"loaded by up to {number(own['peak_moment'])} {LOAD(own['unit'])}")
         elif "angular_impulse" in own:
             parts.append(f"impulse {number(own['angular_impulse'])} {IMPULSE(own['unit'])}")
         if own["redundant"]:

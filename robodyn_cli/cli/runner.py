@@ -79,7 +79,10 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
         _show_data(directory, console)
         return console.failed(failure)
     show(result, directory, console, describe)
-    return OF_STATUS.get(result.status, 0)
+    code = OF_STATUS.get(result.status, 0)
+    if code and console.for_people:
+        say_failed(result, console)
+    return code
 
 
 @contextlib.contextmanager
@@ -152,6 +155,14 @@ def show(result: Result, directory: Output, console: Console, describe: Describe
         for line in moment_lines(result, width(sys.stdout) or 80):
             console.say(line)
     say_where(directory, console, result.summary)
+
+
+def say_failed(result: Result, console: Console) -> None:
+    """Say last that a run did not end as it should, and what was found about it."""
+    from robodyn_cli.report.page.verdict import verdicts
+
+    told = ", ".join(one.words for one in verdicts(result) if one.alarming)
+    console.note(f"robodyn: failed: {told}")
 
 
 def say_where(directory: Output, console: Console, summary: Mapping[str, Any]) -> None:

@@ -13,8 +13,11 @@ import h5py
 import numpy as np
 import pytest
 
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.runner import say_failed
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import OutputDirectory
+from robodyn_cli.results.result import Result
 from tests.cli.tool import COMMAND, CONFIGS, Done, environment, files, invoke, run
 
 FOUR_BAR = CONFIGS / "four_bar_deploy.yaml"
@@ -58,6 +61,24 @@ def test_1_no_lock(overrides: list[str], status: str, tmp_path: Path) -> None:
     assert read(tmp_path / "result.h5").status == status
     if status == "no_lock":
         assert done.data["lock"] is None and done.data["termination"]["time"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("status", "events", "words"),
+    [
+        ("no_lock", [], "no lock"),
+        (
+            "overload",
+            [{"time": 2.5, "name": "pin", "kind": "overload"}],
+            "overload, pin is overloaded at 2.5 s",
+        ),
+    ],
+)
+def test_1_says_last_that_it_failed(
+    status: str, events: list[Any], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    say_failed(Result("deploy", "", status, "", events=events), Console())
+    assert capsys.readouterr().err == f"robodyn: failed: {words}\n"
 
 
 # -- 2 -----------------------------------------------------------------------------------------------------

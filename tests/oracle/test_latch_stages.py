@@ -206,7 +206,7 @@ def test_latches_are_carried_from_stage_to_stage(tmp_path: Path) -> None:
         assert torque < own["peak_moment"] <= whole["locks"][name]["peak_moment"] + 1e-9
         assert own["errors"]["peak_moment"] < 1e-6 and "energy_lost" not in own
     told = describe(json.loads(json.dumps(last)) | {"title": "", "counters": {}, "status": "locked"})
-    assert "closed from the start on, bears up to" in told
+    assert "closed from the start on, loaded by up to" in told
 
 
 @pytest.mark.parametrize("until", ["all", "lone"])

@@ -86,7 +86,7 @@ def _after_lock(summary: Mapping[str, Any]) -> list[str]:
         latch = after["latch"]
         lines.append(
             f"  locked structure   {after['degrees_of_freedom']} degrees of freedom, followed to t = "
-            f"{number(after['until'])} s; latch bears up to {number(latch['peak_moment'])} N m and "
+            f"{number(after['until'])} s; load of the latch up to {number(latch['peak_moment'])} N m and "
             f"{number(latch['peak_force'])} N"
         )
     over = summary.get("termination", {}).get("overload")
