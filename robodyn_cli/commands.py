@@ -28,7 +28,8 @@ class Command:
     outputs.
     good : status of a run that ended as it should.
     given : sections with what the motion is asked to be, which are no numbers of the equations.
-    plots : those of its result, below ``report/plots/``, in the order of pages.
+    plots : those of its result, below ``report/plots/``, in the order of pages. plots_asked : further ones, which are
+    drawn where they are asked for by name.
     blames : key that an error of geometry is about.
     streamed : the function takes a ``writer`` too, which writes long runs block by block.
     goes_on : it goes on after it was killed. takes_up : it takes ``initial.from``, and gives what others take.
@@ -47,6 +48,7 @@ class Command:
     good: str = "ok"
     given: tuple[str, ...] = ()
     plots: tuple[str, ...] = ()
+    plots_asked: tuple[str, ...] = ()
     blames: str = "initial"
     streamed: bool = False
     goes_on: bool = False
@@ -166,6 +168,7 @@ COMMANDS: dict[str, Command] = {
         slopes="over.sensitivity.report:deploy",
         good="locked",
         plots=("joints:joint_angles", "design:fluctuation", *MARGINS, *POINTS, *MOTION),
+        plots_asked=("joints:joint_rates", "energy:energy", "energy:energy_drift"),
         streamed=True,
         takes_up=True,
     ),

@@ -16,7 +16,15 @@ import typer
 
 from robodyn_cli.cli import offers
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.plot_options import NoPlots, NoTitles, PlotFormat, PlotNames, PlotStyle, PlotWidth
+from robodyn_cli.cli.plot_options import (
+    NoPlots,
+    NoTitles,
+    PlotFormat,
+    PlotNames,
+    PlotStyle,
+    PlotWidth,
+    drawn_by,
+)
 from robodyn_cli.cli.runner import SceneRun, default_directory
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
@@ -269,6 +277,8 @@ class SharedOptions:
         self, command: str, scene: Path, strict: bool = False, changes: Sequence[str] = (), **more: Any
     ) -> SceneRun:
         """Return a run of a scene; changes : overrides that other options stand for; more : fields of ``SceneRun``."""
+        if self.plots:
+            drawn_by(command, self.plots)
         overrides = [*(self.overrides or ()), *changes]
         return SceneRun(
             command, scene, self.directory(scene, command), overrides, self.drawings, strict, **more

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import typer
 
 from robodyn_cli.cli.offers import begun_by, listed_of, one_of
 from robodyn_cli.commands import COMMANDS, PLOT_FORMATS, PLOT_STYLES
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import SceneError, nearest_word
 
 
 def plot_list(words: str) -> tuple[str, ...]:
@@ -22,12 +23,32 @@ def plot_list(words: str) -> tuple[str, ...]:
     """
     from robodyn_cli.report.registry import PLOTS
 
-    names, known = tuple(word.strip() for word in words.split(",")), PLOTS
+    names, known = tuple(word.strip() for word in words.split(",")), list(PLOTS)
     for name in names:
         if name not in known:
-            hint = did_you_mean(name, known)
-            raise typer.BadParameter(f"no plot {name!r}{hint}; allowed: {', '.join(known)}")
+            near = [one for one in known if nearest_word(name, [one, *one.split("_")])]
+            raise typer.BadParameter(f"no plot {name!r}; {_these(near, known)}")
     return names
+
+
+def _these(near: list[str], known: list[str]) -> str:
+    return f"did you mean {' or '.join(near)}?" if near else f"allowed: {', '.join(known)}"
+
+
+def drawn_by(command: str, names: Iterable[str]) -> None:
+    """Check that a command draws plots.
+
+    Raises
+    ------
+    SceneError : it never draws one of them.
+    """
+    from robodyn_cli.report.registry import plots_of
+
+    known = plots_of(command, asked=True)
+    if other := [name for name in names if name not in known]:
+        raise SceneError(
+            f"--plots {','.join(other)}: `{command}` does not draw that; allowed: {', '.join(known)}"
+        )
 
 
 # by name, without what draws them

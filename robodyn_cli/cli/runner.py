@@ -72,6 +72,11 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
             with watch.stage("write"):
                 store(result, directory, writer)
             publish(result, directory, job.drawings, watch)
+        if job.drawings is not None and directory.lasts:
+            from robodyn_cli.report.registry import lacking
+
+            for name in lacking(result, job.drawings):
+                console.note(f"robodyn: warning: no data for the plot {name}")
     if failure is not None:
         until = "" if isinstance(failure, StrictError) else " until then"
         if directory.lasts:

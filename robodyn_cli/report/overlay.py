@@ -35,7 +35,8 @@ def draw_again(
     CapabilityError : nothing can be drawn. OutputError : it cannot be written.
     """
     loaded = [result for _, result in results]
-    possible = applicable(loaded[0]) if len(loaded) == 1 else common_plots(loaded)
+    asked = drawings.names is not None
+    possible = applicable(loaded[0], asked) if len(loaded) == 1 else common_plots(loaded)
     missing = [name for name in drawings.names or () if name not in possible]
     if not drawings.among(possible):
         whose = (

@@ -75,13 +75,24 @@ def plot_files() -> list[str]:
     return [f"{name}.{suffix}" for suffix in PLOT_FORMATS for name in PLOTS]
 
 
-def applicable(result: Result) -> list[str]:
-    """Return the names of the plots of the command that ``result`` has the data for."""
-    own = COMMANDS[result.command].plots if result.command in COMMANDS else ()
+def plots_of(command: str, asked: bool = False) -> list[str]:
+    """Return the names of the plots of a command; asked : with those that are drawn where they are asked for."""
+    row = COMMANDS.get(command)
+    places = (*row.plots, *(row.plots_asked if asked else ())) if row else ()
+    return [place.partition(":")[2] for place in places]
+
+
+def applicable(result: Result, asked: bool = False) -> list[str]:
+    """Return the names of the plots of the command, as ``plots_of`` does, that ``result`` has the data for."""
     if "time" in result and not result.time.size:
         return []
-    names = (place.partition(":")[2] for place in own)
-    return [name for name in names if PLOTS[name].applies(result)]
+    return [name for name in plots_of(result.command, asked) if PLOTS[name].applies(result)]
+
+
+def lacking(result: Result, drawings: Drawings) -> list[str]:
+    """Return the plots asked for that ``result`` has no data for."""
+    possible = applicable(result, asked=True)
+    return [name for name in drawings.names or () if name not in possible]
 
 
 def draw(result: Result, name: str) -> Figure:
@@ -95,7 +106,7 @@ def draw(result: Result, name: str) -> Figure:
 def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = None) -> list[Path]:
     """Draw the plots that apply, or those asked for, into ``directory``, each file atomically; return the files."""
     drawings = drawings or Drawings()
-    names = drawings.among(applicable(result))
+    names = drawings.among(applicable(result, asked=drawings.names is not None))
     if not names:
         return []
     from robodyn_cli.report.canvas import save

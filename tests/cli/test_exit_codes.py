@@ -15,6 +15,7 @@ import pytest
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.runner import say_failed
+from robodyn_cli.report.registry import Drawings, applicable, lacking
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import OutputDirectory
 from robodyn_cli.results.result import Result
@@ -79,6 +80,29 @@ def test_1_says_last_that_it_failed(
 ) -> None:
     say_failed(Result("deploy", "", status, "", events=events), Console())
     assert capsys.readouterr().err == f"robodyn: failed: {words}\n"
+
+
+@pytest.mark.parametrize(
+    ("plots", "words"),
+    [
+        (
+            "joint_angles,four_bars",
+            "--plots four_bars: `simulate` does not draw that; allowed: joint_angles, ",
+        ),
+        ("angels", "no plot 'angels'; did you mean joint_angles"),
+    ],
+)
+def test_2_plots_that_a_command_does_not_draw(plots: str, words: str, tmp_path: Path) -> None:
+    done = invoke("simulate", CONFIGS / "double_pendulum.yaml", "--plots", plots, "--out", tmp_path / "out")
+    assert done.code == 2 and words in done.err and not (tmp_path / "out").exists()
+
+
+def test_plots_asked_for_without_data_are_told() -> None:
+    result = Result("deploy", "", "locked", "")
+    result.add("time", [0.0, 1.0])
+    result.add("energy/total", [5.0, 5.0])
+    assert lacking(result, Drawings(("energy", "joint_rates"))) == ["joint_rates"]
+    assert applicable(result, asked=True) == ["energy", "energy_drift"] and applicable(result) == []
 
 
 # -- 2 -----------------------------------------------------------------------------------------------------
