@@ -83,7 +83,8 @@ def check_prescribed(problem: Problem) -> None:
         what, where = f"the prescribed motion in {name!r} (row {row.name})", NOWHERE
         if i in constraints.prescribed:
             formula = _formula(problem.scene.prescribed, name)
-            what, where = f"the motion {formula.text!r}", formula.where
+            what = f"the motion {formula.text!r}"
+            where = formula.where or {"about": (f"prescribed.{name}",)}
         for order, (value,) in zip(("rate", "acceleration"), row.at(START)[1:]):
             if not np.isfinite(value):
                 raise NumericalError(

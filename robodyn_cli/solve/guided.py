@@ -105,10 +105,10 @@ def same_branch(before: Array, after: Array) -> NDArray[np.bool_]:
     Where branches meet, a singular value passes zero, which changes the sign of det (J_0^T J).
     """
     square = before.shape[1] == before.shape[2]
-    pairs = (before, after) if square else (np.swapaxes(before, 1, 2) @ after,)
-    signs: list[Array] = [bands.slogdet(x)[0] for x in pairs]
-    together: Array = np.prod(signs, axis=0)
-    return together > 0.0
+    sign: Array = bands.slogdet(after if square else np.swapaxes(before, 1, 2) @ after)[0]
+    if square:
+        sign = sign * bands.slogdet(before)[0]
+    return sign > 0.0
 
 
 def newton_moves(conditions: Sizes, q: Array, F: Array, J: Array) -> Array:

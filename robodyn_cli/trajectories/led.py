@@ -99,7 +99,7 @@ class Follows:
 
     def __init__(self, followed: Followed | None, name: str) -> None:
         self.followed, self.name = followed, name
-        self.where = f"prescribed.{name}"
+        self.where = {"about": (f"prescribed.{name}",)}
 
     def evaluate(self, env: Mapping[str, Any]) -> Any:
         """Return the expression of t, or those of an attitude.

@@ -250,14 +250,14 @@ def test_closing_loops_near_a_dead_point_is_ill_conditioned() -> None:
         problem = Problem(scene)
         rod = -np.arcsin(0.3 * np.sin(angle) / 0.9) - angle
         q = np.array([[angle, rod, 0.3 * np.cos(angle) + 0.9 * np.cos(angle + rod)]])
-        nothing = np.zeros((1, 3)), np.zeros((1, 0))
+        nothing = np.zeros((1, 1, 3)), np.zeros((1, 1, 0))
         slide = problem.model.v_names.index("slide")
-        found = Conditioning.of(problem, [slide], np.zeros(1), (q, *nothing))
+        found = Conditioning.of(problem, [slide], np.zeros((1, 1)), (q[None], *nothing))
         psi = problem.numbers(list(problem.psi.ravel()), q[0]).reshape(-1, 3)
         least = np.linalg.svd(np.delete(psi, [slide], axis=1), compute_uv=False)[-1]
         # three terms, of which the largest is 1.2
-        assert 1.5e-16 < found.closing * least < 1e-15
-        closing.append(found.closing)
+        assert 1.5e-16 < found.closing[0] * least < 1e-15
+        closing.append(found.closing[0])
     assert 20.0 * closing[0] < closing[1] < 400.0 * closing[0]
 
 
