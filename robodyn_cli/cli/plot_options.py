@@ -32,7 +32,7 @@ def plot_list(words: str) -> tuple[str, ...]:
 
 
 def _these(near: list[str], known: list[str]) -> str:
-    return f"did you mean {' or '.join(near)}?" if near else f"allowed: {', '.join(known)}"
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"allowed: {', '.join(known)}"
 
 
 def drawn_by(command: str, names: Iterable[str]) -> None:

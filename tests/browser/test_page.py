@@ -55,6 +55,11 @@ def set_slider(page: Any, pose: int) -> None:
     page.locator(f".scene[data-pose='{pose}']").wait_for()
 
 
+def wait_for_frame(page: Any) -> None:
+    """Return after the page has drawn what was asked before: a key marks the drawing, the next frame draws it."""
+    page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+
+
 def ends_of(page: Any, name: str) -> np.ndarray:
     """Return the ends (2, 2) of a link as it is drawn in a flat view, in metres, read back from the picture."""
     scene = page.locator(".scene")
@@ -200,6 +205,7 @@ def test_a_body_tells_what_it_is_and_does(planar: tuple[Result, Path], opened: O
     assert f"{np.degrees(theta):.4g}°" in told.inner_text()
     page.locator(".scene").focus()
     page.keyboard.press("n")
+    wait_for_frame(page)
     assert {"crank", "coupler", "follower"} <= set(page.locator(".words text").all_text_contents())
     page.keyboard.press("Shift+B")
     assert told.is_hidden(), "before the first there is none"
@@ -208,10 +214,11 @@ def test_a_body_tells_what_it_is_and_does(planar: tuple[Result, Path], opened: O
     paths = page.locator(".scene path").count()
     page.keyboard.press("g")
     page.keyboard.press("f")
-    page.wait_for_timeout(100)
+    wait_for_frame(page)
     assert page.locator(".scene path").count() >= paths + 20, "links at seven times, and axes of three frames"
     page.keyboard.press("g")
     page.keyboard.press("c")
+    wait_for_frame(page)
     before = ends_of(page, "coupler")
     set_slider(page, 900)
     now = ends_of(page, "coupler")
