@@ -19,21 +19,28 @@ from website.indexes import add_keys, add_messages
 from website.pages import ROOT, Links, Site, from_docs
 
 
-def written(site: Site, folder: Path) -> None:
-    """Write pages and what they show into a folder, for Sphinx.
+def linked(site: Site) -> tuple[dict[str, str], set[str]]:
+    """Return the texts of all pages with links as the site has them, and the files that they show or offer.
 
     Raises
     ------
     SystemExit : a link leads nowhere.
     """
     links = Links(site)
-    for path in site.pages:
-        target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(links.rewritten(path), encoding="utf-8")
+    texts = {path: links.rewritten(path) for path in site.pages}
     if links.broken:
         sys.exit("links that lead nowhere:\n  " + "\n  ".join(links.broken))
-    for name in links.used:
+    return texts, links.used
+
+
+def written(site: Site, folder: Path) -> None:
+    """Write pages and what they show into a folder, for Sphinx."""
+    texts, used = linked(site)
+    for path, text in texts.items():
+        target = folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text, encoding="utf-8")
+    for name in used:
         target = folder / name.removeprefix("docs/")
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, target)
@@ -69,6 +76,7 @@ def main() -> None:
         shutil.copytree(scenes, out / scenes.name, dirs_exist_ok=True)
     site = whole_site()
     add_messages(site)
+    linked(site)  # what leads nowhere is told before the long runs
     add_runs(site, out, given.jobs)
     add_contents(site)
     source = out / "source"

@@ -5,51 +5,75 @@ python -m website.accessible OUT/html
 
 from __future__ import annotations
 
+import asyncio
+import os
 import shutil
 import sys
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.async_api import BrowserContext, Page, async_playwright
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SHOWN = 3  # places of a rule on a page
+ALL: dict[str, Any] = {"resultTypes": ["violations"]}
+# by night a page differs in its colours alone
+SCHEMES = {"light": ALL, "dark": {**ALL, "runOnly": ["color-contrast"]}}
+# colours that are on their way to others would be judged as they are then
+READY = """
+document.querySelectorAll('details').forEach((one) => { one.open = true; });
+document.head.append(Object.assign(document.createElement('style'), {textContent: '* {transition: none !important}'}));
+"""
 
 
-def barriers(folder: Path) -> Iterator[str]:
-    """Yield what axe finds against the pages below a folder.
+async def barriers(folder: Path, tabs: int) -> int:
+    """Print what axe finds against the pages below a folder as soon as it is found, and return how much that is.
 
     Raises
     ------
     SystemExit : there is no browser.
     """
-    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if browser is None:
+    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if path is None:
         sys.exit(f"no browser: one of {', '.join(BROWSERS)}")
-    with sync_playwright() as driver:
+    # large ones first, so that no tab is left alone with one at the end
+    pages = iter(sorted(folder.rglob("*.html"), key=lambda page: -page.stat().st_size))
+    async with async_playwright() as driver:
         # root, as in containers, has no sandbox
-        opened = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
-        for scheme in ("light", "dark"):
-            context = opened.new_context(color_scheme=scheme, offline=True, bypass_csp=True)
-            page = context.new_page()
-            for path in sorted(folder.rglob("*.html")):
-                page.goto(path.as_uri())
-                yield from (f"{path.relative_to(folder)} ({scheme}): {text}" for text in found_on(page))
-            context.close()
+        browser = await driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        context = await browser.new_context(offline=True, bypass_csp=True)
+        await context.add_init_script((files("axe_playwright_python") / "axe.min.js").read_text("utf-8"))
+        found = await asyncio.gather(*(in_tab(context, pages, folder) for _ in range(tabs)))
+        await browser.close()
+    return sum(found)
 
 
-def found_on(page: Page) -> Iterator[str]:
-    """Yield what axe finds against a page, all of it unfolded."""
-    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-    page.evaluate((files("axe_playwright_python") / "axe.min.js").read_text(encoding="utf-8"))
-    for rule in page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]:
+async def in_tab(context: BrowserContext, pages: Iterator[Path], folder: Path) -> int:
+    """Look at the pages that other tabs leave, one after another; return how much is found."""
+    tab, count = await context.new_page(), 0
+    for path in pages:
+        await tab.goto(path.as_uri())
+        await tab.evaluate(READY)
+        for scheme, options in SCHEMES.items():
+            for text in await found_on(tab, scheme, options):
+                print(f"{path.relative_to(folder)} ({scheme}): {text}", flush=True)
+                count += 1
+    return count
+
+
+async def found_on(tab: Page, scheme: str, options: dict[str, Any]) -> list[str]:
+    """Return what axe finds against the page of a tab by day or by night."""
+    await tab.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+    found = []
+    for rule in (await tab.evaluate("(options) => axe.run(document, options)", options))["violations"]:
         places = [node["html"][:160] for node in rule["nodes"]]
-        yield f"{rule['id']} ({len(places)}): {rule['help']}: {'; '.join(places[:SHOWN])}"
+        found.append(f"{rule['id']} ({len(places)}): {rule['help']}: {'; '.join(places[:SHOWN])}")
+    return found
 
 
 if __name__ == "__main__":
-    root = Path(sys.argv[1]).resolve()
-    found = list(barriers(root))
-    print("\n".join(found) or "axe finds nothing against the pages")
-    sys.exit(bool(found))
+    count = asyncio.run(barriers(Path(sys.argv[1]).resolve(), os.cpu_count() or 1))
+    print(f"axe finds {count} faults of pages" if count else "axe finds nothing against the pages")
+    sys.exit(bool(count))

@@ -58,7 +58,11 @@ def wrong(folder: Path) -> Iterator[str]:
 
 if __name__ == "__main__":
     root = Path(sys.argv[1]).resolve()
-    found = list(wrong(root))
-    count = len(list(root.rglob("*.html")))
-    print("\n".join(found) or f"{count} pages, every link leads somewhere, nothing is loaded from elsewhere")
-    sys.exit(bool(found))
+    count = 0
+    for text in wrong(root):
+        print(text, flush=True)
+        count += 1
+    if not count:
+        pages = len(list(root.rglob("*.html")))
+        print(f"{pages} pages, every link leads somewhere, nothing is loaded from elsewhere")
+    sys.exit(bool(count))

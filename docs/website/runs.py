@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -114,7 +114,7 @@ def drawing() -> list[Shot]:
     return [Shot(words) for words in dict.fromkeys((*first, *FURTHER)) if words not in known]
 
 
-def done(shots: Iterable[Shot], out: Path, jobs: int) -> None:
+def done(shots: Sequence[Shot], out: Path, jobs: int) -> None:
     """Run commands below ``out``; those that an earlier call has run there are taken as they are.
 
     Raises
@@ -122,23 +122,24 @@ def done(shots: Iterable[Shot], out: Path, jobs: int) -> None:
     SystemExit : a command fails.
     """
     with ThreadPoolExecutor(jobs) as pool:
-        failed = [text for text in pool.map(lambda shot: run(shot, out), shots) if text]
+        failed = [shot.words for shot, well in zip(shots, pool.map(lambda s: run(s, out), shots)) if not well]
     if failed:
-        sys.exit("\n".join(failed))
+        sys.exit("\n".join(["of the site's commands fail:", *failed]))
 
 
-def run(shot: Shot, out: Path) -> str:
-    """Run a command, and return what is wrong."""
+def run(shot: Shot, out: Path) -> bool:
+    """Run a command, tell at once what is wrong, and return whether nothing is."""
     folder = shot.folder(out)
     if (folder / "printed.txt").exists():
-        return ""
+        return True
     shutil.rmtree(folder, ignore_errors=True)
     begin = time.monotonic()
     words = [sys.executable, "-m", "robodyn", *shlex.split(shot.words), "--out", f"runs/{shot.name}"]
     found = subprocess.run(words, cwd=out, capture_output=True, text=True, timeout=LONGEST)
     print(f"{time.monotonic() - begin:6.1f} s  robodyn {shot.words}", flush=True)
     if found.returncode not in REPLACING:  # a singular pose is an answer too
-        return f"robodyn {shot.words}: exit code {found.returncode}\n{found.stderr}"
+        print(f"robodyn {shot.words}: exit code {found.returncode}\n{found.stderr}", flush=True)
+        return False
     folder.mkdir(parents=True, exist_ok=True)
     for picture in folder.glob("*.png"):
         Image.open(picture).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(
@@ -149,4 +150,4 @@ def run(shot: Shot, out: Path) -> str:
         said += [line for line in found.stderr.splitlines(True) if line.startswith("robodyn: error")]
     text = "".join(line for line in said if not line.startswith(("  cost ", "results")))
     (folder / "printed.txt").write_text(text, encoding="utf-8")
-    return ""
+    return True

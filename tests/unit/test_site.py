@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from functools import lru_cache
 from pathlib import Path
 
 import pytest
-from website.__main__ import whole_site
+from website import blocks
+from website.__main__ import linked, whole_site
+from website.check import wrong
 from website.contents import listed
 from website.examples import WITHOUT, all_examples
 from website.gallery import whole
 from website.indexes import messages
 from website.pages import DOCS, ROOT, Links, Site, sources
-from website.runs import drawing, scenes
+from website.runs import Shot, done, drawing, scenes
 from website.text import headings, sections, slug
 
 import robodyn
 from robodyn_cli import load_scene
 from robodyn_cli.commands import COMMANDS
+
+HEADER = re.compile(r"^(\|.*\|)\n\|[-:| ]+\|$", re.MULTILINE)
 
 
 @lru_cache
@@ -59,6 +64,56 @@ def test_links_lead_somewhere() -> None:
     for path in site().pages:
         links.rewritten(path)
     assert links.broken == []
+
+
+def test_links_that_lead_nowhere_are_told_before_the_long_runs() -> None:
+    broken = whole_site()
+    broken.add("about/lost.md", "# Lost\n\n[a key](../docs/scene.md#no-such-key)\n", "docs/lost.md")
+    with pytest.raises(SystemExit, match="docs/lost.md: ../docs/scene.md#no-such-key"):
+        linked(broken)
+
+
+def test_built_pages_are_checked(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text(
+        '<p id="here"><a href="b.html#there"></a><a href="c.html"></a><a href="#here"></a>'
+    )
+    (tmp_path / "b.html").write_text('<script src="https://example.org/x.js"></script>')
+    assert sorted(wrong(tmp_path)) == [
+        "a.html: b.html#there: no such place",
+        "a.html: c.html leads nowhere",
+        "b.html: loads https://example.org/x.js",
+    ]
+
+
+def test_what_fails_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While others, that take longer, still run."""
+    said: list[str] = []
+    monkeypatch.setattr("builtins.print", lambda *words, **_: said.append(words[0]))
+    ends = lambda words, **_: subprocess.CompletedProcess(words, 2 if "worse" in words else 0, "", "why")  # noqa: E731
+    with monkeypatch.context() as patched, pytest.raises(SystemExit, match="commands fail:\ninfo worse$"):
+        patched.setattr(subprocess, "run", ends)
+        done([Shot("info worse"), Shot("info better")], tmp_path, jobs=1)
+    assert [text.split("  ")[-1] for text in said] == [
+        "robodyn info worse",
+        "robodyn info worse: exit code 2\nwhy",
+        "robodyn info better",
+    ]
+    code = [("python", "raise SystemExit(3)", 0), ("python", "pass", 0), ("python", "raise SystemExit(3)", 3)]
+    monkeypatch.setattr(blocks, "blocks", lambda page: code)
+    said.clear()
+    assert blocks.followed("docs/tutorials/some.md", tmp_path) == 1
+    assert [text.partition(" of\n")[0] for text in said if " s  " not in text] == [
+        "docs/tutorials/some.md: exit code 3"
+    ]
+    assert "exit code" in said[1], "at once"
+
+
+def test_headers_of_tables_have_words() -> None:
+    """Formulas alone, and nothing, have no name for those who listen."""
+    for name in (name for name in [*sources(), "README.md"] if name.endswith(".md")):
+        for row in HEADER.findall((ROOT / name).read_text(encoding="utf-8")):
+            cells = re.split(r"(?<!\\)\|", re.sub(r"\$.*?\$", "", row))[1:-1]
+            assert all(re.search(r"\w", cell) for cell in cells), f"{name}: {row}"
 
 
 def test_headings_are_where_links_look_for_them() -> None:

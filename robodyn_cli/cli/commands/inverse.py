@@ -113,7 +113,7 @@ def _fastest(summary: Mapping[str, Any]) -> list[str]:
 
 EXAMPLES = (
     "inverse configs/2r_circle.yaml",
-    "inverse configs/2r_circle.yaml --set trajectory.ik.branch=elbow_down --no-plots",
+    "inverse configs/2r_circle.yaml --set trajectory.ik.branch=elbow_down --out outputs/elbow_down",
     "inverse configs/mechanisms/five_bar_circle.yaml --json",
 )
 

@@ -64,7 +64,8 @@ def _happenings(summary: Mapping[str, Any]) -> list[str]:
 
 EXAMPLES = (
     "simulate configs/double_pendulum.yaml",
-    "simulate configs/double_pendulum.yaml --set initial.q.theta2='90 deg' --set simulate.duration=20",
+    "simulate configs/double_pendulum.yaml --set initial.q.theta2='90 deg' --set simulate.duration=20 "
+    "--out outputs/long",
     "simulate configs/cart_pole_lqr.yaml --out outputs/cart",
 )
 
