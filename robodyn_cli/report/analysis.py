@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import CHARACTER, Sheet
-from robodyn_cli.report.style import PowerFormatter, labelled, number
+from robodyn_cli.report.numbers import labelled, number
+from robodyn_cli.report.style import PowerFormatter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
-from robodyn_cli.report import style
+from robodyn_cli.report import numbers, style
 from robodyn_cli.report.format import LEFT, NARROW, current
 from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.results.atomic import written
@@ -39,13 +39,13 @@ def failure_note(result: Result) -> list[str]:
     time = termination.get("time")
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
-    return wrapped(f"Run failed at t = {style.times([float(time)], 6)[0]}: {reason}", 2)
+    return wrapped(f"Run failed at t = {numbers.times([float(time)], 6)[0]}: {reason}", 2)
 
 
 def wrapped(text: str, most: int | None = None) -> list[str]:
     """Return a note in lines as long as the width of figures allows, ``most`` of them at most; a number and its unit
     stay together."""
-    lines = textwrap.wrap(style.tied(text), current().characters, max_lines=most)
+    lines = textwrap.wrap(numbers.tied(text), current().characters, max_lines=most)
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 

@@ -15,7 +15,8 @@ from matplotlib.lines import Line2D
 from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.lines import crest, envelope, finite
-from robodyn_cli.report.style import error_number, log_axis, unit
+from robodyn_cli.report.numbers import error_number, unit
+from robodyn_cli.report.style import log_axis
 from robodyn_cli.results.held import HeldColumns
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import meaningful_error

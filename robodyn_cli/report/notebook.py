@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.cells import Table
 from robodyn_cli.report.figures import MOST_ROWS, notes, tables
-from robodyn_cli.report.page.tables import typeset
+from robodyn_cli.report.numbers import typeset
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:

@@ -16,8 +16,9 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, failure_note, save
 from robodyn_cli.report.curves import NAMED, DrawnCurves, curves_of, draw_error, fit_axis, nothing_note
 from robodyn_cli.report.lines import envelope
+from robodyn_cli.report.numbers import position_word, unit
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
-from robodyn_cli.report.style import position_word, styled, unit
+from robodyn_cli.report.style import styled
 from robodyn_cli.report.time_sheet import error_words, hatch, lost_note, panel_height
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.result import Result

@@ -27,7 +27,8 @@ from robodyn_cli.report.curves import (
 from robodyn_cli.report.format import NARROW, NOTE_WIDTH, current
 from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import looks_of
-from robodyn_cli.report.style import PlainFormatter, error_number, times, unit
+from robodyn_cli.report.numbers import error_number, times, unit
+from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until

@@ -24,22 +24,14 @@ from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.report.canvas import below_heading
 from robodyn_cli.report.drawing.bodies import traced_bodies
 from robodyn_cli.report.figures import shown_errors, shown_units
+from robodyn_cli.report.numbers import typeset
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.compared import SideBySide, compared, judged
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.page import Shown, make_page
 from robodyn_cli.report.page.plots import plot_of
 from robodyn_cli.report.page.summary import summary_tables
-from robodyn_cli.report.page.tables import (
-    Html,
-    Quantity,
-    element,
-    errors_of,
-    json_block,
-    typeset,
-    within,
-    written,
-)
+from robodyn_cli.report.page.tables import Html, Quantity, element, errors_of, json_block, within, written
 from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.hdf5 import write

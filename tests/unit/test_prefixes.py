@@ -10,7 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from robodyn_cli.report.drawing.places import moving_paths
-from robodyn_cli.report.style import PREFIXES, PlainFormatter, prefix, prefix_axes, styled, times
+from robodyn_cli.report.numbers import PREFIXES, prefix, times
+from robodyn_cli.report.style import PlainFormatter, prefix_axes, styled
 from robodyn_cli.results.result import Result
 
 FACTORS = {word: 10.0**exponent for exponent, word in PREFIXES.items()}

@@ -60,15 +60,15 @@ def test_a_registry_is_a_map() -> None:
 CODE = """
 import sys
 from robodyn_cli.cli.app import run
-code = run(sys.argv[1:])
-assert code == 0, code
+code = run(sys.argv[2:])
+assert code == int(sys.argv[1]), code
 print(*sys.modules)
 """
 
 
-def modules_of(*arguments: str) -> set[str]:
-    """Return the modules that robodyn has imported when such a run ends."""
-    command = [sys.executable, "-c", CODE, *arguments]
+def modules_of(*arguments: str, code: int = 0) -> set[str]:
+    """Return the modules that robodyn has imported when such a run ends, with this exit code."""
+    command = [sys.executable, "-c", CODE, str(code), *arguments]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240)
     assert ended.returncode == 0, ended.stderr
     return set(ended.stdout.splitlines()[-1].split())
@@ -120,6 +120,15 @@ def test_a_small_run_imports_few_modules(run: str, tmp_path: Path) -> None:
         name.startswith(("robodyn_cli.kernels.rolled", "robodyn_cli.formulations.rolled")) for name in ours
     )
     assert not {"pydantic", "scipy", "matplotlib"} & found, "each takes as long as the run itself, or longer"
+
+
+def test_a_failed_run_loads_no_drawings(tmp_path: Path) -> None:
+    """It says last why it failed, in words that drawings and pages use too."""
+    short = ("--set", "simulate.duration=0.2", "--set", "simulate.samples=3")
+    found = modules_of(
+        "deploy", "configs/four_bar_deploy.yaml", *short, "--no-plots", "--out", str(tmp_path), code=1
+    )
+    assert "robodyn_cli.report.page.verdict" in found and "matplotlib" not in found
 
 
 COUNTED = """

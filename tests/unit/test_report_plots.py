@@ -23,11 +23,12 @@ from robodyn_cli.report import draw, draw_all, plot_files
 from robodyn_cli.report.analysis import fit_label, panels
 from robodyn_cli.report.canvas import wrapped
 from robodyn_cli.report.lines import crest, envelope, finite, thin_path
+from robodyn_cli.report.numbers import error_number, number, unit
 from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
 from robodyn_cli.report.plots.stability import energy_growth
 from robodyn_cli.report.registry import Drawings, applicable
-from robodyn_cli.report.style import dashed_style, error_number, log_axis, marked_style, number, styled, unit
+from robodyn_cli.report.style import dashed_style, log_axis, marked_style, styled
 from robodyn_cli.report.time_sheet import CLOSE_UP, LAST_PERIODS
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines

@@ -18,7 +18,8 @@ from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
 from robodyn_cli.report.drawing.record import GRID, INK, Stroke
 from robodyn_cli.report.drawing.strokes import strokes
-from robodyn_cli.report.style import PlainFormatter, number
+from robodyn_cli.report.numbers import number
+from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.spatial.algebra import Array
 
 DASHES = (0.0, [4.0, 3.0])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, did_you_mean
-from robodyn_cli.report import style
+from robodyn_cli.report import numbers, style
 from robodyn_cli.report.canvas import Sheet, save
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import make_drawing, require_poses
@@ -172,7 +172,7 @@ def draw_strip(result: Result, follow: str | None = None) -> Any:
         paper.set_up(ax, view, scale=False)
         paper.put(ax, view, k)
         ax.set_title(
-            f"t = {style.times([float(poses.times[k])])[0]}", fontsize=style.FONT_SIZE, loc="left", pad=3
+            f"t = {numbers.times([float(poses.times[k])])[0]}", fontsize=style.FONT_SIZE, loc="left", pad=3
         )
     return sheet.figure
 

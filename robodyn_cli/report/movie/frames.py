@@ -24,7 +24,7 @@ from robodyn_cli.report.drawing.camera import View, default_camera
 from robodyn_cli.report.drawing.paper import paint
 from robodyn_cli.report.drawing.places import nearest
 from robodyn_cli.report.drawing.strokes import strokes
-from robodyn_cli.report.style import number
+from robodyn_cli.report.numbers import number
 from robodyn_cli.results.moments import LASTING, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

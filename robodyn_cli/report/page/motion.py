@@ -14,8 +14,8 @@ from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_
 from robodyn_cli.report.drawing.places import nearest
 from robodyn_cli.report.drawing.record import Drawing, DrawnLatch, DrawnPart, Trail
 from robodyn_cli.report.movie.frames import usual_speed
+from robodyn_cli.report.numbers import number, unit
 from robodyn_cli.report.page.charts import Arrays
-from robodyn_cli.report.style import number, unit
 from robodyn_cli.results.moments import Moment, moments
 from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.scene.mesh.surfaces import CUBE, Surface

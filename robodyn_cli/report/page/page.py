@@ -13,6 +13,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes, shown_errors, shown_units
+from robodyn_cli.report.numbers import number, typeset
 from robodyn_cli.report.page import several, tables
 from robodyn_cli.report.page.charts import Store, looks
 from robodyn_cli.report.page.motion import motion_data
@@ -20,7 +21,6 @@ from robodyn_cli.report.page.plots import plots_of, still
 from robodyn_cli.report.page.summary import summary_tables
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.page.verdict import verdicts
-from robodyn_cli.report.style import number
 from robodyn_cli.report.time_sheet import lost_note
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
@@ -111,7 +111,7 @@ def _head(shown: Shown, alone: bool) -> Html:
     words: list[Any] = [element("span", result.command, class_="label")]
     words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
     said = [
-        element("li", tables.typeset(note), class_="alarm" if note.startswith(ALARMS) else None)
+        element("li", typeset(note), class_="alarm" if note.startswith(ALARMS) else None)
         for note in notes(result)
     ]
     parts = [

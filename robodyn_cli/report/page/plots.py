@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from robodyn_cli.report.numbers import tied
 from robodyn_cli.report.page import tables
 from robodyn_cli.report.page.charts import Store, captions, chart_data, curves_data, is_thinned
 from robodyn_cli.report.page.tables import Html, element, markup
 from robodyn_cli.report.plots.mechanism import mechanism_alone
 from robodyn_cli.report.registry import applicable, draw
-from robodyn_cli.report.style import styled, tied
+from robodyn_cli.report.style import styled
 from robodyn_cli.results.result import Result
 
 THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.lines import envelope
+from robodyn_cli.report.numbers import labelled, typeset, unit
 from robodyn_cli.report.overlay import OVERLAID, series_of
 from robodyn_cli.report.page.charts import Arrays, looks
 from robodyn_cli.report.page.compared import DIFFER, OPEN, WITHIN, SideBySide, compared, number_of
-from robodyn_cli.report.page.tables import Html, Quantity, element, typeset, written
+from robodyn_cli.report.page.tables import Html, Quantity, element, written
 from robodyn_cli.report.page.verdict import verdicts
-from robodyn_cli.report.style import labelled, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_until
 

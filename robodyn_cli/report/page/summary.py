@@ -8,15 +8,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.report.cells import is_number
 from robodyn_cli.report.figures import shown_errors, shown_units
-from robodyn_cli.report.page.tables import (
-    MOST_ROWS,
-    Html,
-    Quantity,
-    element,
-    named,
-    table,
-    written,
-)
+from robodyn_cli.report.page.tables import MOST_ROWS, Html, Quantity, element, named, table, written
 from robodyn_cli.results.result import Result
 
 UnitOfKey = Callable[[str], str]

@@ -16,7 +16,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.report import figures
 from robodyn_cli.report.cells import is_number
-from robodyn_cli.report.style import number, power, unit
+from robodyn_cli.report.numbers import number, power, typeset, unit
 from robodyn_cli.report.time_sheet import told
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
@@ -136,24 +136,6 @@ def _with_place(x: float, last: int) -> str:
         if int(exponent)
         else mantissa.replace("-", "−")
     )
-
-
-NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-]?\d+))?(?![\w.])")
-PRODUCT = re.compile(r"(?<=\bN) (?=[ms]\b)|(?<=\bm) (?=s\b)")  # a space that stands for a product of units
-
-
-def typeset(text: str) -> str:
-    """Return words as printed: numbers with true minus signs and powers of ten, products and powers of units."""
-
-    if text == "-":
-        return "–"
-
-    def one(found: re.Match[str]) -> str:
-        sign, mantissa, exponent = found.groups()
-        raised = f"·{power(int(exponent))}" if exponent else ""
-        return f"{'−' if sign else ''}{mantissa}{raised}"
-
-    return PRODUCT.sub("·", NUMBER.sub(one, text.replace("^2", "²").replace("^3", "³")))
 
 
 def named(key: str) -> str:

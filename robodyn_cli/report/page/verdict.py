@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.report.page.tables import typeset
-from robodyn_cli.report.style import number
+from robodyn_cli.report.numbers import number, typeset
 from robodyn_cli.results.moments import DECISIVE, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_until

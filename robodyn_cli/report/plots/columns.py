@@ -13,7 +13,8 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import DrawnCurves, curves_of
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, envelope, limits_near
-from robodyn_cli.report.style import degree_axis, labelled, number
+from robodyn_cli.report.numbers import labelled, number
+from robodyn_cli.report.style import degree_axis
 from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, panel_height
 from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.spatial.algebra import Array

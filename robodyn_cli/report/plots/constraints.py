@@ -10,9 +10,10 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import growth_times, loop_columns, sharing_note
 from robodyn_cli.report.curves import NOTHING, DrawnCurves, curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
+from robodyn_cli.report.numbers import error_number, labelled, number, times, unit
 from robodyn_cli.report.plots.columns import draw_map
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import error_number, labelled, number, positive_floor, times, unit
+from robodyn_cli.report.style import positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height
 from robodyn_cli.results import result as wrenches
 from robodyn_cli.results.moments import lock_time

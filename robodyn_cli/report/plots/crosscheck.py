@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.curves import DrawnCurves, curves, zero_note
+from robodyn_cli.report.numbers import number
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import MANY, line_styles, number, positive_floor
+from robodyn_cli.report.style import MANY, line_styles, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height
 from robodyn_cli.results.result import Result, column_names, units_of
 

@@ -13,8 +13,9 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import curves, curves_of
 from robodyn_cli.report.lines import finite, thin_path
+from robodyn_cli.report.numbers import labelled, number
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import FEW, labelled, line_styles, number
+from robodyn_cli.report.style import FEW, line_styles
 from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, panel_height
 from robodyn_cli.results.result import Result, column_names
 from robodyn_cli.spatial.algebra import Array

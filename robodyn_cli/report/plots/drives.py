@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.report import style
+from robodyn_cli.report import numbers, style
 from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.looks import looks_of
+from robodyn_cli.report.numbers import labelled, number, position_word
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import labelled, log_axis, number, position_word
+from robodyn_cli.report.style import log_axis
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.spatial.algebra import Array
 
@@ -335,5 +336,5 @@ def _ratio(figures: Mapping[str, Any]) -> str:
     if figures["ratio"] is None:
         return "nothing resists"
     error = figures["errors"]["ratio"]
-    off = "" if error is None else f" +- {style.error_number(error, 2)}"
-    return f"{number(figures['ratio'], 5)}{off} at {style.times([figures['time']])[0]}"
+    off = "" if error is None else f" +- {numbers.error_number(error, 2)}"
+    return f"{number(figures['ratio'], 5)}{off} at {numbers.times([figures['time']])[0]}"

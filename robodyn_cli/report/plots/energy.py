@@ -8,8 +8,9 @@ import numpy as np
 
 from robodyn_cli.report.curves import curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
+from robodyn_cli.report.numbers import error_number, number, times
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import BLACK, error_number, line_styles, number, positive_floor, times
+from robodyn_cli.report.style import BLACK, line_styles, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result

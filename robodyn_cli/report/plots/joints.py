@@ -12,9 +12,9 @@ from robodyn_cli.report.curves import DrawnCurves, curves, curves_of, fit_axis
 from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.lines import envelope, finite
 from robodyn_cli.report.looks import POINTS
+from robodyn_cli.report.numbers import error_number, labelled, load_label, number, position_word
 from robodyn_cli.report.plots.columns import time_plot
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import error_number, labelled, load_label, number, position_word
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height, unseen_note
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_error

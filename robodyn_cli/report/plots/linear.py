@@ -12,8 +12,9 @@ from matplotlib.axis import Axis
 from robodyn_cli.record import record
 from robodyn_cli.report.analysis import bar_beside, powers
 from robodyn_cli.report.canvas import Sheet, panel_width
+from robodyn_cli.report.numbers import number
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import BLACK, COLOURS, GREY, PlainFormatter, dashed_style, number
+from robodyn_cli.report.style import BLACK, COLOURS, GREY, PlainFormatter, dashed_style
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from robodyn_cli.report.analysis import powers
 from robodyn_cli.report.canvas import Sheet, panel_width
 from robodyn_cli.report.looks import looks_of
+from robodyn_cli.report.numbers import number
 from robodyn_cli.report.plots.linear import number_phases
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import COLOURS, GREY, number
+from robodyn_cli.report.style import COLOURS, GREY
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 
-from robodyn_cli.report import style
+from robodyn_cli.report import numbers, style
 from robodyn_cli.report.canvas import Sheet, panel_width
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
@@ -21,8 +21,9 @@ from robodyn_cli.report.drawing.record import Drawing, Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.lines import finite, largest, thin_path
 from robodyn_cli.report.looks import POINTS, Looks, looks_of
+from robodyn_cli.report.numbers import error_number, number
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import FEW, GREY, TARGET, error_number, number
+from robodyn_cli.report.style import FEW, GREY, TARGET
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result, evenly
 from robodyn_cli.spatial.algebra import Array
@@ -53,7 +54,7 @@ def _at_instants(result: Result, around: bool) -> Any:
     view, views = _views(poses, default_camera(drawing))
     views = views if around or view.flat else []
     locked = lock_time(result)
-    times = style.times(poses.times.tolist())
+    times = numbers.times(poses.times.tolist())
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
     height = paper.height_of(view, panel_width())
@@ -257,7 +258,7 @@ def _mode_name(mode: dict[str, Any]) -> str:
         return f"{number(mode['frequency'], 4)} Hz, damping {number(mode['damping'])}"
     if not mode["real"]:
         return "free, without restoring force"
-    return f"{'grows' if mode['real'] > 0 else 'decays'} e times in {style.times([mode['time']], 3)[0]}"
+    return f"{'grows' if mode['real'] > 0 else 'decays'} e times in {numbers.times([mode['time']], 3)[0]}"
 
 
 @plot(lambda result: "frames" in result.summary and can_draw(result))

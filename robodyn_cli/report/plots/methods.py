@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.report.analysis import STATUS
+from robodyn_cli.report.numbers import power
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import GREY, HANDLE_LENGTH, marked_style, power
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, marked_style
 from robodyn_cli.results.result import Result
 from robodyn_cli.summaries.facts import rounded_up
 

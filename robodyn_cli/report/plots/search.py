@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from robodyn_cli.report import style
+from robodyn_cli.report import numbers, style
 from robodyn_cli.report.analysis import axis_label, fit_label, outputs, panels, runs_text
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
@@ -95,10 +95,10 @@ def search_keys(result: Result) -> Any:
         handles += ax.plot(
             np.clip([here - off, here + off], 0.0, 1.0), [row, row], color=style.ALARM, linewidth=2.4
         )
-        text = f"{name} = {style.number(key['value'], 6)}" + (
+        text = f"{name} = {numbers.number(key['value'], 6)}" + (
             f" {key['unit']}" if key["unit"] not in ("", "1") else ""
         )
-        ends = key.get("bounds", f"{style.number(key['low'], 4)} .. {style.number(key['high'], 4)}")
+        ends = key.get("bounds", f"{numbers.number(key['low'], 4)} .. {numbers.number(key['high'], 4)}")
         ax.text(0.0, row + 0.2, text, fontsize=7.5, va="bottom")
         ax.text(1.0, row + 0.2, ends, fontsize=7.5, va="bottom", ha="right", color=style.GREY)
     ax.set_yticks([])

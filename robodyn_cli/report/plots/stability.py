@@ -13,17 +13,9 @@ from robodyn_cli.integration_methods import EXTREMES, METHODS
 from robodyn_cli.report.analysis import LEAST, STATUS, bar_beside, fit_label, powers
 from robodyn_cli.report.canvas import CHARACTER, Sheet
 from robodyn_cli.report.format import current
+from robodyn_cli.report.numbers import number, raised
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import (
-    BLACK,
-    FEW,
-    GREY,
-    MARKERS,
-    PlainFormatter,
-    dashed_style,
-    number,
-    raised,
-)
+from robodyn_cli.report.style import BLACK, FEW, GREY, MARKERS, PlainFormatter, dashed_style
 from robodyn_cli.results.result import Result
 
 # step limits that are drawn
@@ -101,7 +93,7 @@ def _sparse(ax: Axes, name: str, smallest: float, largest: float) -> None:
     """Put a handful of ticks on a symmetric logarithmic axis."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    from robodyn_cli.report.style import power
+    from robodyn_cli.report.numbers import power
 
     first, last = int(np.ceil(np.log10(smallest))), int(np.floor(np.log10(largest)))
     every = max(1, (last - first) // 4)

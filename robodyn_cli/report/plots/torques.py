@@ -10,9 +10,10 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import torque_note
 from robodyn_cli.report.curves import DrawnCurves, curves, curves_of
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near, where_largest
+from robodyn_cli.report.numbers import load_label, number, unit
 from robodyn_cli.report.plots.columns import draw_map
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE, load_label, number, unit
+from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
 from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, panel_height, unseen_note
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import meaningful_error
