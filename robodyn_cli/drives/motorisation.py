@@ -37,7 +37,7 @@ from robodyn_cli.solve.crossings import crossing
 from robodyn_cli.solve.extremes import Extreme, smallest
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint, settled
@@ -52,22 +52,21 @@ def with_motorisation(
     problem: Problem,
     moved: Moved,
     looked: Moved | None = None,
-    again: tuple[Moved, float] | None = None,
+    again: tuple[Sequence[Moved], float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary with the margins of its driven joints behind them; add their datasets to
     the result, and its status.
 
-    looked : the motion where figures are looked at, by default at the samples. again : that of a second integration,
-    and times the difference of figures is their error.
+    looked : the motion where figures are looked at, by default at the samples. again : those of more accurate
+    integrations, and times the difference of figures is their error.
     """
     inertia = False if COMMANDS[result.command].streamed else "tau" in result or None
     margins = JointMargins.of(problem, moved, inertia)
     margins.add_to(result)
     figures = (margins if looked is None else JointMargins.of(problem, looked, inertia)).figures()
     if again is not None:
-        other, factor = again
-        others = JointMargins.of(problem, other, inertia).figures()
-        grown = with_second(figures, others, factor, ("motorisation", JOINT))
+        others = [JointMargins.of(problem, other, inertia).figures() for other in again[0]]
+        grown = with_others(figures, others, again[1], ("motorisation", JOINT))
         figures = {name: _still_unknown(grown[name], one) for name, one in figures.items()}
     if result.status in ("ok", "locked") and not all(one.met for one in figures.values()):
         result.status = UNDERSIZED

@@ -24,7 +24,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint, settled
@@ -38,14 +38,14 @@ def with_drives(
     problem: Problem,
     moved: Moved | None = None,
     instants: Sequence[float] = (),
-    again: tuple[Recorder | Moved, float] | None = None,
+    again: tuple[Sequence[Recorder | Moved], float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
     moved : the motion where figures are looked at; by default at the samples, with breaks at its events and at other
-        ``instants`` [s]. again : samples, or the motion, of a second integration, and times the difference of figures
-        is their error.
+        ``instants`` [s]. again : samples, or motions, of more accurate integrations, and times the difference of
+        figures is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
@@ -61,10 +61,9 @@ def with_drives(
     at_samples.add_to(result)
     figures = drives.figures()
     if again is not None:
-        second, factor = again
-        second = second if isinstance(second, Moved) else Moved.of(second.array, breaks)
-        other = Drives.of(scene, problem, second).figures()
-        figures = with_second(figures, other, factor, ("drives", JOINT))
+        motions = [x if isinstance(x, Moved) else Moved.of(x.array, breaks) for x in again[0]]
+        accurate = [Drives.of(scene, problem, x).figures() for x in motions]
+        figures = with_others(figures, accurate, again[1], ("drives", JOINT))
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
     title = scene.catalogue.title or ABSENT

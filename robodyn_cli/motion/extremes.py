@@ -1,11 +1,13 @@
 """Figures between the samples of integrated motions, and their errors: extremes of columns, loads, the motion itself.
 
 A motion is integrated again, by the same steps, with many samples in each, however many the scene asks for; events have
-the states on both sides. What a more accurate integration has otherwise is the error that the integration leaves.
+the states on both sides. What more accurate integrations have otherwise is the error that the integration
+leaves: two of them, because between steps one may have the same error as the first by chance.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -37,7 +39,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import ROUNDED, Cut, Piece, Windows, pieces
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.motion import MotionErrors
 
@@ -149,10 +151,10 @@ class ColumnPeaks:
         low, high = self.windows.best(-1.0, k, low_doubt), self.windows.best(1.0, k, high_doubt)
         return self.columns[k].extremes(low, high, float(self.final[k]))
 
-    def beside(self, k: int, other: Extremes, factor: float, rounded: float) -> Extremes:
-        """Return the extremes of a column with errors for how far those of a more accurate integration are, and for
+    def beside(self, k: int, others: Sequence[ColumnPeaks], factor: float, rounded: float) -> Extremes:
+        """Return the extremes of a column with errors for how far those of more accurate integrations are, and for
         what rounding leaves, by a part of the largest value."""
-        own = with_second(self.extremes(k), other, factor, ("extremes",))
+        own = with_others(self.extremes(k), [other.extremes(k) for other in others], factor, ("extremes",))
         least = rounded * max(abs(own.smallest), abs(own.largest))
         values = {name: _plus(getattr(own.errors, name), least) for name in ("smallest", "largest", "final")}
         own = dataclasses.replace(own, errors=dataclasses.replace(own.errors, **values))
@@ -171,7 +173,7 @@ class ColumnPeaks:
 class RecordedMotion:
     """A motion that has been integrated and recorded.
 
-    again : what a more accurate integration follows, where it begins and ends by itself. errors : of the motion. Both
+    again : what more accurate integrations follow, where they begin and end by themselves. errors : of the motion. Both
     None: they are not estimated.
     """
 
@@ -193,17 +195,19 @@ class RecordedMotion:
         return self._close_samples(first, first.options, self._steps(first, first.options))
 
     @cached_property
-    def other(self) -> CloseSamples | None:
-        """A more accurate integration, None where it does not come to the end."""
-        assert self.again is not None
-        try:
-            return self._close_samples(self.again, *self._more_accurate(self.again))
-        except (NumericalError, SingularConfigurationError):
-            return None
+    def others(self) -> tuple[CloseSamples, ...]:
+        """More accurate integrations, as far as they come to the end: two, one or none."""
+        found: list[CloseSamples] = []
+        if self.again is not None:
+            with contextlib.suppress(NumericalError, SingularConfigurationError):
+                for run in (self.again, self.again.once_more(self.motion.is_steep)):
+                    found.append(self._close_samples(run, *self._more_accurate(run)))
+        return tuple(found)
 
-    def factor(self, other: CloseSamples) -> float:
-        """Return the part of the difference of both integrations that is the error of the motion."""
-        return float(remainder(self.first, np.array([other.steps]))[0])
+    @property
+    def factor(self) -> float:
+        """The part of the difference of the motion from the others that is its error."""
+        return float(remainder(self.first, np.array([other.steps for other in self.others])).max())
 
     def extremes(self, names: Sequence[str]) -> dict[str, Extremes]:
         """Return the extremes of those columns that the motion has, by name; raises what ``own`` does."""
@@ -211,43 +215,35 @@ class RecordedMotion:
         if not columns:
             return {}
         own = ColumnPeaks.of(self.own, columns)
-        if self.again is None or self.other is None:
+        if not self.others:
             found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
             return found if self.again is None else {name: _unsure(one) for name, one in found.items()}
-        other, factor = ColumnPeaks.of(self.other, columns), self.factor(self.other)
+        others = [ColumnPeaks.of(other, columns) for other in self.others]
         return {
-            column.name: own.beside(k, other.extremes(k), factor, self._rounded)
-            for k, column in enumerate(columns)
+            column.name: own.beside(k, others, self.factor, self._rounded) for k, column in enumerate(columns)
         }
 
     def first_beyond(self, name: str, limit: float) -> tuple[float, float] | None:
         """Return when a column first passes a limit [s], and the error of that; None where no close sample does."""
         columns = chosen_columns(self.recorder, [name])
 
-        def passed(samples: CloseSamples | None) -> tuple[float, float] | None:
-            if not columns or samples is None:
-                return None
+        def passed(samples: CloseSamples) -> tuple[float, float] | None:
             parts, _ = samples.pieces(columns)
             t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
             over = np.flatnonzero(y[:, 0] > columns[0].stored(limit))
             return (float(t[over[0]]), float(t[over[0]] - t[max(over[0] - 1, 0)])) if len(over) else None
 
-        own = passed(self.own)
+        own = passed(self.own) if columns else None
         if own is None or self.again is None:
             return own
-        other = passed(self.other)
-        apart = (
-            0.0 if self.other is None or other is None else self.factor(self.other) * abs(other[0] - own[0])
-        )
-        return own[0], own[1] + apart + ROUNDED * abs(own[0])
+        apart = [abs(other[0] - own[0]) for other in map(passed, self.others) if other is not None]
+        return own[0], own[1] + (self.factor * max(apart) if apart else 0.0) + ROUNDED * abs(own[0])
 
-    def moved(self) -> tuple[Moved, tuple[Moved, float] | None]:
-        """Return the motion of the joints, and that of the other integration with its factor; raises what ``own``
+    def moved(self) -> tuple[Moved, tuple[Sequence[Moved], float] | None]:
+        """Return the motion of the joints, and those of the other integrations with their factor; raises what ``own``
         does."""
         widths = {path: self.recorder.blocks[path][0].shape[1] for path in ("q", "qd", "qdd", "tau")}
-        again = None
-        if self.again is not None and self.other is not None:
-            again = self.other.moved(widths), self.factor(self.other)
+        again = ([other.moved(widths) for other in self.others], self.factor) if self.others else None
         return self.own.moved(widths), again
 
     @property

@@ -63,11 +63,11 @@ def with_figures(
 
         with watch.stage("drives"):
             problem, instants, looked = run.motion.problem, run.motion.system.breakpoints, None
-            again: tuple[Recorder | Moved, float] | None = None
+            again: tuple[Sequence[Recorder | Moved], float] | None = None
             if held and len(motions) == 1:  # samples on the updates see nothing of what jumps there
                 looked, again = motions[0].moved()
             elif estimate is not None and estimate.recorder is not None:
-                again = (estimate.recorder, estimate.factor)
+                again = ([estimate.recorder], estimate.factor)
             records = with_drives(records, result, problem, looked, instants, again)
     if scene.motorisation is not None:
         with watch.stage("motorisation"):

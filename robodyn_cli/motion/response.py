@@ -1,4 +1,4 @@
-"""Responses of what a controller leads, from close samples of a run, with errors by a more accurate integration."""
+"""Responses of what a controller leads, from close samples of a run, with errors by more accurate integrations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from robodyn_cli.observe.controllers.summary import ways_of, with_doubtful_limit
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.solve.step_response import NOTHING, SmoothCourse, TimeFigure, rise_of, settling_of
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.control import ControlKeys, ControlSummary
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.response import Response, ResponseErrors, ResponseKeys
@@ -34,10 +34,10 @@ def responses(motion: RecordedMotion, control: Control) -> ResponseKeys:
     """
     off = _off(motion)
     own = ResponseKeys(_of(motion.own, control, off))
-    if motion.again is None or motion.other is None:
+    if not motion.others:
         return own
-    other = ResponseKeys(_of(motion.other, control, off))
-    told = with_second(own, other, motion.factor(motion.other))
+    others = [ResponseKeys(_of(other, control, off)) for other in motion.others]
+    told = with_others(own, others, motion.factor)
     return ResponseKeys(_with_floors(told.response, motion, control))
 
 
@@ -73,11 +73,11 @@ def with_held_torques(motion: RecordedMotion, control: Control, keys: ControlKey
     designed = {x.name: ABSENT for x in dataclasses.fields(ControlSummary) if x.default is ABSENT}
     bare = ControlKeys(dataclasses.replace(keys.control, **designed))
     found = _held(motion.own, control, bare)
-    if motion.again is not None and motion.other is not None:
-        factor = motion.factor(motion.other)
-        found = with_second(found, _held(motion.other, control, bare), factor)
-        one, other = _torques(motion.own), _torques(motion.other)
-        found = with_doubtful_limits(found, control, one, other, factor)
+    if motion.others:
+        found = with_others(found, [_held(other, control, bare) for other in motion.others], motion.factor)
+        for other in motion.others:
+            one, two = _torques(motion.own), _torques(other)
+            found = with_doubtful_limits(found, control, one, two, motion.factor)
     told = {name: getattr(found.control, name) for name in ("energy", "saturated", "saturated_error")}
     return ControlKeys(dataclasses.replace(keys.control, **told))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,14 +84,14 @@ class Second:
 class Estimate:
     """The errors of a motion, and what those of its figures follow from.
 
-    recorder : the second run's samples, None where nothing is asked for that follows from samples. facts : what its
-    watchers say, and these themselves. factor : times a difference of both runs is an error, see ``remainder``.
-    end : when the second run ended [s].
+    recorder : the second run's samples, None where nothing is asked for that follows from samples. facts : what the
+    watchers of the second run, and of a third one, say. factor : times a difference from the first is an error, see
+    ``remainder``. watchers : of the second run. end : when that ended [s].
     """
 
     errors: MotionErrors
     recorder: Recorder | None = None
-    facts: Mapping[str, Any] | None = None
+    facts: Sequence[Mapping[str, Any]] = ()
     factor: float = 1.0
     watchers: tuple[Watcher, ...] = ()
     end: float = math.nan
@@ -210,12 +210,14 @@ def estimate_error(
     factor = float(courses.scale[0])  # of figures, as in many runs
     courses, doubt = courses.settled(floor, motion.is_steep)
     dq, dv = sampled_errors(motion, grid, second, recorder, courses.scale)
+    facts = [second.facts]
     if doubt[0] and (third := _third_run(motion, again, tick)) is not None:
         other, _ = judged_courses(motion, first, third, recorder)
         if other.apart.shape == courses.apart.shape:
             courses = courses.beside(other.apart, True, motion.is_steep)
             more = sampled_errors(motion, grid, third, recorder, courses.scale)
             dq, dv = (_larger(x, y) for x, y in zip((dq, dv), more))
+            facts.append(third.facts)
     least_q, least_v = float(floor.q[0]), float(floor.qd[0])
     largest = max(float(dq.max(initial=0.0)), float(dv.max(initial=0.0)))
     q_max, qd_max = float(dq.max(initial=least_q)), float(dv.max(initial=least_v))
@@ -238,7 +240,7 @@ def estimate_error(
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
     observed = _observed(recorder, second) if figures or recorder.observer.figures else None
-    return Estimate(errors, observed, second.facts, factor, second.watchers, second.end)
+    return Estimate(errors, observed, facts if second.facts else (), factor, second.watchers, second.end)
 
 
 def _is_lost(error: Array, x: Array, options: Options) -> Array:

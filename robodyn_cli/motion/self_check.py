@@ -312,11 +312,10 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
     if estimate is not None and estimate.facts:
-        from robodyn_cli.summaries.apart import with_second
+        from robodyn_cli.summaries.apart import with_others
 
-        summary = with_second(
-            summary, dataclasses.replace(summary, **(estimate.facts or {})), estimate.factor
-        )
+        others = [dataclasses.replace(summary, **facts) for facts in estimate.facts]
+        summary = with_others(summary, others, estimate.factor)
     if problem.control is None:
         return [summary]
     return [summary, _control_keys(run, problem.control, estimate)]
@@ -325,13 +324,13 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
 def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> ControlKeys:
     """Return what a controller did, with errors by the second run where there is one."""
     from robodyn_cli.observe.controllers.summary import control_keys, with_design, with_doubts
-    from robodyn_cli.summaries.apart import with_second
+    from robodyn_cli.summaries.apart import with_others
 
     ends, instants = (run.beginning.time, run.driver.time), run.driver.instants
     keys = control_keys(control, run.recorder, ends, instants)
     if estimate is not None and estimate.recorder is not None:
         second = control_keys(control, estimate.recorder, ends, instants)
-        keys = with_second(keys, second, estimate.factor)
+        keys = with_others(keys, [second], estimate.factor)
         floor = rounding_of(estimate.errors)
         keys = with_doubts(keys, control, run.recorder, estimate.recorder, estimate.factor, floor)
     return with_design(keys, control)

@@ -1,4 +1,4 @@
-"""Errors of figures from a second run: how far the figures of two runs are apart is added to the errors of the first.
+"""Errors of figures from other runs: how far the figures of these are from those of a first one is added to its errors.
 
 Which errors are those of which figure is what the fields of records declare (``fact``).
 """
@@ -6,7 +6,7 @@ Which errors are those of which figure is what the fields of records declare (``
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.summaries.facts import ABSENT, Fact, key_of
@@ -17,34 +17,39 @@ ROUNDED = (
 Steps = tuple[str, ...]
 
 
-def with_second(one: Any, other: Any, factor: float, place: Steps = ()) -> Any:
-    """Return a record, or a map of records, with errors for how far its figures are from those of a second run.
+def with_others(one: Any, others: Sequence[Any], factor: float, place: Steps = ()) -> Any:
+    """Return a record, or a map of records, with errors for how far its figures are from those of other runs.
 
     An error, 0 where none stands there yet, grows by ``factor`` times the largest distance of the figures that it is
-    of. It becomes None where only the first run has a figure. Figures whose errors stand outside the record keep them.
+    of, and by as much as the others are apart: one of them may agree with the first by chance. It becomes None where
+    only the first run has a figure. Figures whose errors stand outside the record keep them.
 
     Parameters
     ----------
-    other : the same of the second run. place : steps of the record's key, with kinds of names (``drives.JOINT``).
+    others : the same of more accurate runs. place : steps of the record's key, with kinds of names (``drives.JOINT``).
     """
     if isinstance(one, Mapping):
         return {
-            name: with_second(value, other[name], factor, place) if name in other else value
+            name: with_others(value, [other[name] for other in others], factor, place)
+            if all(name in other for other in others)
+            else value
             for name, value in one.items()
         }
-    if not dataclasses.is_dataclass(one) or isinstance(one, type) or type(one) is not type(other):
+    if not dataclasses.is_dataclass(one) or isinstance(one, type):
+        return one
+    if any(type(other) is not type(one) for other in others):
         return one
     values: dict[str, Any] = {}
     growth: dict[Steps, Any] = {}
     for field in dataclasses.fields(one):
         fact: Fact = field.metadata["fact"]
-        first, second = getattr(one, field.name), getattr(other, field.name)
+        first, seconds = getattr(one, field.name), [getattr(other, field.name) for other in others]
         named = fact.names[:1] if isinstance(first, Mapping) else ()
-        values[field.name] = with_second(first, second, factor, (*place, key_of(field.name), *named))
+        values[field.name] = with_others(first, seconds, factor, (*place, key_of(field.name), *named))
         for key in fact.errors:
             steps = _inside(key, place)
             if steps is not None and first is not ABSENT and first is not None:
-                apart = _apart(first, second, factor)
+                apart = _apart(first, seconds, factor)
                 growth[steps] = _larger(growth[steps], apart) if steps in growth else apart
     changed = dataclasses.replace(one, **values)
     for steps, more in growth.items():
@@ -61,23 +66,24 @@ def _inside(key: str, place: Steps) -> Steps | None:
     return inside if steps[: len(place)] == place and inside else None
 
 
-def _apart(first: Any, second: Any, factor: float) -> Any:
-    """Return how far values are apart, None where only one is a number; of a map by name, of a list the largest."""
+def _apart(first: Any, others: Sequence[Any], factor: float) -> Any:
+    """Return how far values are apart, None where not all are numbers; of a map by name, of a list the largest."""
     if isinstance(first, Mapping):
-        others = second if isinstance(second, Mapping) else {}
+        maps = [other if isinstance(other, Mapping) else {} for other in others]
         least = ROUNDED * max((abs(x) for x in first.values() if isinstance(x, float)), default=0.0)
-        parts = {name: _apart(x, others.get(name), factor) for name, x in first.items()}
+        parts = {name: _apart(x, [other.get(name) for other in maps], factor) for name, x in first.items()}
         return {name: None if x is None else max(x, least) for name, x in parts.items()}
     if isinstance(first, list):
-        if not isinstance(second, list) or len(first) != len(second):
+        if any(not isinstance(other, list) or len(first) != len(other) for other in others):
             return None
-        parts = _apart(dict(enumerate(first)), dict(enumerate(second)), factor)
+        parts = _apart(dict(enumerate(first)), [dict(enumerate(other)) for other in others], factor)
         return None if None in parts.values() else max(parts.values(), default=0.0)
     if not isinstance(first, (int, float)):
-        return 0.0 if first is second or first == second else None
-    if not isinstance(second, (int, float)):
+        return 0.0 if all(first is other or first == other for other in others) else None
+    if not all(isinstance(other, (int, float)) for other in others):
         return None
-    return factor * abs(second - first) + ROUNDED * abs(first)
+    farthest = max(abs(other - first) for other in others)
+    return factor * farthest + (max(others) - min(others)) + ROUNDED * abs(first)
 
 
 def _larger(one: Any, other: Any) -> Any:

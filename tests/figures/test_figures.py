@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from robodyn_cli.record import record
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.facts import ABSENT, Absent, fact
 from tests.figures.__main__ import CONFIGS, with_extremes
 from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
@@ -194,14 +194,14 @@ class Whole:
 def test_errors_grow_by_how_far_a_second_run_is() -> None:
     one = Whole(2.0, [1.0, 3.0], {"a": 1.0}, 5.0, Parts(0.25), {"a": 0.5})
     two = dataclasses.replace(one, peak=2.5, times=[1.25, 2.0], left={"a": 1.125}, other=6.0)
-    own = with_second({"x": one}, {"x": two}, 2.0, ("run", "NAME"))["x"]
+    own = with_others({"x": one}, [{"x": two}], 2.0, ("run", "NAME"))["x"]
     assert own.errors.peak == pytest.approx(0.25 + 2.0 * 0.5) and own.errors.times == pytest.approx(2.0)
     assert own.left_error["a"] == pytest.approx(0.5 + 0.25) and (own.peak, own.other) == (2.0, 5.0)
 
 
 def test_an_error_is_not_known_where_the_second_run_has_no_such_figure() -> None:
     one = Whole(2.0, [1.0, 3.0], {"a": 1.0}, 5.0, Parts(0.25), {"a": 0.5})
-    own = with_second(one, dataclasses.replace(one, times=[1.0]), 1.0, ("run", "NAME"))
+    own = with_others(one, [dataclasses.replace(one, times=[1.0])], 1.0, ("run", "NAME"))
     assert own.errors.times is None and own.errors.peak == pytest.approx(0.25)
 
 

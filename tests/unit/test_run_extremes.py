@@ -101,6 +101,21 @@ def test_of_a_pendulum_are_its_amplitude_and_half_its_period() -> None:
     assert found["energy/total"]["unit"] == "J"
 
 
+def test_errors_of_peaks_hold_whatever_the_steps_are() -> None:
+    """Between steps an integration errs erratically: what a single more accurate one agrees with may be off."""
+    random, closed = np.random.default_rng(0), math.sqrt(G / 0.5)
+    for method in 12 * ["dop853", "radau", "gauss", "taylor12"]:
+        start, rtol = random.uniform(0.3, 2.5), 10.0 ** random.uniform(-9.0, -6.0)
+        text = PENDULUM.replace("swing: 2.0", f"swing: {start}").replace(
+            "samples: 7", f"samples: 7, integrator: {method}, rtol: {rtol}, atol: {1e-2 * rtol}"
+        )
+        found = extremes(text.replace("duration: 1.9", "duration: 4"), "q.swing", "qd.swing")
+        fastest = closed * math.sqrt(2.0 * (1.0 - math.cos(start)))
+        close(found["q.swing"], "smallest", -start)
+        close(found["qd.swing"], "smallest", -fastest)
+        close(found["qd.swing"], "largest", fastest)
+
+
 def test_of_an_oscillator_is_its_overshoot() -> None:
     """m x'' + c x' + k (x - 1) = 0 from rest at 0: 1 + exp(-pi zeta / sqrt(1 - zeta^2)) at pi / omega_d."""
     found = extremes(OSCILLATOR, "q.x", "signals/over")

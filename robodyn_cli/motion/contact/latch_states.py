@@ -24,7 +24,7 @@ from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
 
@@ -278,4 +278,4 @@ def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dic
         }
         locks[name] = dataclasses.replace(lock, errors=dataclasses.replace(lock.errors, **least))
     own = {"locks": locks, "missed": one["missed"]}
-    return {key: with_second(own[key], two[key], RESTARTED * factor, (key, "LATCH")) for key in own}
+    return {key: with_others(own[key], [two[key]], RESTARTED * factor, (key, "LATCH")) for key in own}

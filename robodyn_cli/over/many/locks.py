@@ -1,6 +1,6 @@
 """Figures of the locks of many runs that compiled code has made: those of the summary of ``deploy``, with its errors.
 
-A figure follows from states of the run; its error from the same figure of the second run, as ``with_second`` has it.
+A figure follows from states of the run; its error from the same figure of the second run, as ``with_others`` has it.
 """
 
 from __future__ import annotations

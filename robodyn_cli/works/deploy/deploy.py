@@ -29,7 +29,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import FinalState
@@ -345,7 +345,7 @@ def _lock_keys(done: Deployment) -> LockKeys | None:
     other = describe_lock(done.motion, relocated.scanned, relocated.lock, relocated.latch, error, recorder)
     other, keys = with_multipliers_beside(other, done.motion, done.lock), with_rounding(keys, done.latch)
     # the error of the time is known already
-    return dataclasses.replace(with_second(keys, other, relocated.factor, ("lock",)), time_error=error)
+    return dataclasses.replace(with_others(keys, [other], relocated.factor, ("lock",)), time_error=error)
 
 
 def _after_lock(done: Deployment) -> AfterLock | Absent | None:

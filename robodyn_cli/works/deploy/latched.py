@@ -23,7 +23,7 @@ from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.deploy import (
     DeploySummary,
     LockErrors,
@@ -213,7 +213,9 @@ def _lock(run: Run, summary: MotionSummary, estimate: Estimate | None) -> LockKe
     other = _lock_of(run.motion, watcher_of(estimate.watchers), summary)
     if other is None or other.name != own.name:
         return own
-    return dataclasses.replace(with_second(own, other, estimate.factor, ("lock",)), time_error=own.time_error)
+    return dataclasses.replace(
+        with_others(own, [other], estimate.factor, ("lock",)), time_error=own.time_error
+    )
 
 
 def time_error(locks: Mapping[str, LatchLock], last: str, end: float) -> float | None:

@@ -15,7 +15,7 @@ from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.record import record
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.deploy import (
     CriterionErrors,
     CriterionTimes,
@@ -255,7 +255,7 @@ def criteria(motion: Motion, scanned: Scan, again: Rescan | None = None) -> Crit
     )
     if again is None:
         return times
-    times = with_second(times, criteria(motion, again.scanned), again.factor, ("criteria",))
+    times = with_others(times, [criteria(motion, again.scanned)], again.factor, ("criteria",))
     dead = (
         ABSENT
         if scanned.dead_point is None
