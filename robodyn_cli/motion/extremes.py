@@ -39,6 +39,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import ROUNDED, Cut, Piece, Windows, pieces
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import ROUNDED as AGREED
 from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.motion import MotionErrors
@@ -46,6 +47,7 @@ from robodyn_cli.summaries.motion import MotionErrors
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
 NEAR = 6  # samples that a piece goes on by to its ends
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
+LOADS = ("reactions/", "loop_reactions/")
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
 
 
@@ -151,11 +153,10 @@ class ColumnPeaks:
         low, high = self.windows.best(-1.0, k, low_doubt), self.windows.best(1.0, k, high_doubt)
         return self.columns[k].extremes(low, high, float(self.final[k]))
 
-    def beside(self, k: int, others: Sequence[ColumnPeaks], factor: float, rounded: float) -> Extremes:
+    def beside(self, k: int, others: Sequence[ColumnPeaks], factor: float, least: float) -> Extremes:
         """Return the extremes of a column with errors for how far those of more accurate integrations are, and for
-        what rounding leaves, by a part of the largest value."""
+        what rounding leaves at least."""
         own = with_others(self.extremes(k), [other.extremes(k) for other in others], factor, ("extremes",))
-        least = rounded * max(abs(own.smallest), abs(own.largest))
         values = {name: _plus(getattr(own.errors, name), least) for name in ("smallest", "largest", "final")}
         own = dataclasses.replace(own, errors=dataclasses.replace(own.errors, **values))
         doubts = [
@@ -220,7 +221,8 @@ class RecordedMotion:
             return found if self.again is None else {name: _unsure(one) for name, one in found.items()}
         others = [ColumnPeaks.of(other, columns) for other in self.others]
         return {
-            column.name: own.beside(k, others, self.factor, self._rounded) for k, column in enumerate(columns)
+            column.name: own.beside(k, others, self.factor, self._rounded(column.path))
+            for k, column in enumerate(columns)
         }
 
     def first_beyond(self, name: str, limit: float) -> tuple[float, float] | None:
@@ -246,12 +248,17 @@ class RecordedMotion:
         again = ([other.moved(widths) for other in self.others], self.factor) if self.others else None
         return self.own.moved(widths), again
 
-    @property
-    def _rounded(self) -> float:
-        """The part of the largest coordinate or rate that rounding is expected to leave."""
+    def _rounded(self, path: str) -> float:
+        """Return what rounding is expected to leave in the columns of a dataset, as a part of the largest of them, and
+        of loads of the largest one: what is zero, as moments in a plane are, follows from all."""
         floor = None if self.errors is None else self.errors.rounding_floor
-        size = max(float(np.abs(self.recorder.array(path)).max(initial=0.0)) for path in ("q", "qd"))
-        return floor / size if isinstance(floor, float) and size > 0.0 else 0.0
+        loads = [name for name in self.recorder.blocks if name.startswith(LOADS)]
+        size, own = (
+            max(float(np.abs(self.recorder.array(name)).max(initial=0.0)) for name in paths)
+            for paths in (("q", "qd"), loads if path.startswith(LOADS) else (path,))
+        )
+        part = floor / size if isinstance(floor, float) and size > 0.0 else 0.0
+        return own * max(part, AGREED)
 
     def _more_accurate(self, run: FirstRun) -> tuple[Options, Steps]:
         """Return the options and the steps of a more accurate integration."""

@@ -121,6 +121,17 @@ def _mass(problem, q):  # type: ignore[no-untyped-def]
     return np.array(flat, dtype=float).reshape(len(q), len(q))
 
 
+@pytest.mark.parametrize("rtol", ["1e-6", "1e-8", "1e-10"])
+def test_a_moment_that_is_zero_but_for_rounding_has_an_error_that_says_so(rtol: str) -> None:
+    """At rest nothing turns the latch, but other loads, of some newtons, round."""
+    summary = deploy(
+        load_scene(CONFIGS / "four_bar_deploy.yaml", ["deploy.after=continue", f"simulate.rtol={rtol}"])
+    ).summary
+    load = summary["after_lock"]["latch"]
+    for name in ("peak_moment", "moment_at_end"):
+        assert abs(load[name]) <= load["errors"][name] < 1e-12
+
+
 def test_loads_beyond_their_limit_are_an_overload() -> None:
     result = stood("deploy.loads={pin: {force: 100}, theta1: {moment: 1000}}")
     over = result.summary["overload"]
