@@ -1,8 +1,9 @@
 """Dataclasses that cost little to define: their methods are closures, no code is generated for them.
 
-``dataclasses.dataclass`` writes and compiles half a dozen functions for each class. For our classes together that took
-longer than a small run takes. So only the fields are left to it (``dataclasses.fields``, ``replace`` and ``asdict``
-work as ever), and the methods come from here. Making an instance takes as long as it takes with a frozen dataclass.
+``dataclasses.dataclass`` writes and compiles half a dozen functions for each class, and searches its annotations for
+features that no record has. For our classes together that took longer than a small run takes. So methods and fields
+come from here; ``dataclasses.fields``, ``replace`` and ``asdict`` work as ever. Making an instance takes as long as it
+takes with a frozen dataclass.
 """
 
 from __future__ import annotations
@@ -23,6 +24,16 @@ else:
 T = TypeVar("T")
 Method = Callable[..., Any]
 put = object.__setattr__
+MISSING = dataclasses.MISSING
+
+FIELDS = "__dataclass_fields__"
+# what the library gives any dataclass that it writes no methods for
+SAMPLE: Any = dataclasses.make_dataclass("SAMPLE", ["field"], init=False, repr=False, eq=False)
+KIND = getattr(SAMPLE, FIELDS)["field"]._field_type
+SHARED = {
+    name: value for name, value in vars(SAMPLE).items() if name in ("__dataclass_params__", "__replace__")
+}
+CLASS_VARIABLE = "ClassVar", "typing.ClassVar"
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
@@ -47,16 +58,10 @@ def _equip(cls: type[T], frozen: bool) -> type[T]:
     hashes = own.get("__hash__") is not None  # with an __eq__ alone Python puts None there
     if cls.__doc__ is None:
         cls.__doc__ = cls.__name__  # else the signature is taken apart to make one
-    inherited = {f.name for f in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
-    for name in cls.__annotations__:
-        if (
-            name not in own and name not in inherited
-        ):  # else what a base that is no record has would be its default
-            setattr(cls, name, dataclasses.field())
-    dataclasses.dataclass(init=False, repr=False, eq=False)(cls)
-    fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+    described = _fields_of(cls)
+    fields = tuple(described.values())
     compared = _values([f.name for f in fields if f.compare])
-    methods: dict[str, Method | None] = {
+    methods: dict[str, Any] = {
         "__init__": _initialiser(cls, fields),
         "__repr__": _describer([f.name for f in fields if f.repr]),
         "__eq__": _comparer(compared),
@@ -65,18 +70,42 @@ def _equip(cls: type[T], frozen: bool) -> type[T]:
         methods |= {"__setattr__": _refuse_setting, "__delattr__": _refuse_deleting}
     methods = {name: method for name, method in methods.items() if name not in own}
     if not hashes:
-        methods["__hash__"] = _hasher(compared) if frozen else None
-    for name, method in methods.items():
-        setattr(cls, name, method)
+        methods["__hash__"] = (lambda self: hash(compared(self))) if frozen else None
+    described_by = {FIELDS: described, "__match_args__": tuple(described), **SHARED}
+    for name, value in (methods | described_by).items():
+        setattr(cls, name, value)
     return cls
+
+
+def _fields_of(cls: type) -> dict[str, dataclasses.Field[Any]]:
+    """Return the fields by name, those of bases first; class attributes become the defaults themselves, as ever."""
+    own = vars(cls)
+    fields: dict[str, dataclasses.Field[Any]] = {}
+    for base in cls.__mro__[-1:0:-1]:
+        fields |= getattr(base, FIELDS, {})
+    for name, kind in cls.__annotations__.items():
+        if str(kind).startswith(CLASS_VARIABLE):
+            continue
+        # what a base that is no record has is no default
+        value: Any = own[name] if name in own else getattr(cls, name, MISSING) if name in fields else MISSING
+        field: Any = value if isinstance(value, dataclasses.Field) else dataclasses.field(default=value)
+        if field.default.__class__.__hash__ is None:
+            raise ValueError(f"the default of {cls.__qualname__}.{name} may change: give a default_factory")
+        if field is value and field.default is MISSING:
+            delattr(cls, name)
+        elif field is value:
+            setattr(cls, name, field.default)
+        field.name, field.type, field.kw_only, field._field_type = name, kind, False, KIND
+        fields[name] = field
+    return fields
 
 
 def _initialiser(cls: type, fields: Sequence[dataclasses.Field[Any]]) -> Method:
     names = [f.name for f in fields]
     count = len(names)
     known = frozenset(names)
-    defaults = {f.name: f.default for f in fields if f.default is not dataclasses.MISSING}
-    factories = {f.name: f.default_factory for f in fields if f.default_factory is not dataclasses.MISSING}
+    defaults = {f.name: f.default for f in fields if f.default is not MISSING}
+    factories = {f.name: f.default_factory for f in fields if f.default_factory is not MISSING}
     finish = getattr(cls, "__post_init__", None)
 
     def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
@@ -134,13 +163,6 @@ def _comparer(values: Callable[[Any], tuple[Any, ...]]) -> Method:
         return values(self) == values(other)
 
     return __eq__
-
-
-def _hasher(values: Callable[[Any], tuple[Any, ...]]) -> Method:
-    def __hash__(self: Any) -> int:
-        return hash(values(self))
-
-    return __hash__
 
 
 def _refuse_setting(self: Any, name: str, value: Any) -> NoReturn:

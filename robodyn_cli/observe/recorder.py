@@ -12,12 +12,12 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.observe.observe import Column, Observer
-from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import PeakLoad
 
 if TYPE_CHECKING:
+    from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.held import HeldColumns
 
 KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file

@@ -86,13 +86,18 @@ def leaf_of(command: str, key: str) -> Leaf | None:
     Any name will do (see ``Leaf.fits``). ``peak_torque.theta1`` is ``joints.theta1.peak_torque``.
     """
     steps = key.split(".")
-    for head, *rest in (steps, [SHORT, *steps[1:], steps[0]]):
-        # lazily, so that records of what few runs have are loaded where they are asked for
-        fields = (fields_at(place) for place in (*COMMANDS[command].summary, *EVERY_RUN))
-        leaf = _number_first(_leaf(*some[head], rest) for some in fields if head in some)
-        if leaf is not None:
-            return dataclasses.replace(leaf, key=".".join((head, *rest)))
-    return None
+    readings = (steps, [SHORT, *steps[1:], steps[0]])
+    # lazily, so that a record of what few runs have is loaded where those before it have no such number
+    found = (
+        (fields_at(place), head, rest)
+        for place in (*COMMANDS[command].summary, *EVERY_RUN)
+        for head, *rest in readings
+    )
+    return _number_first(
+        dataclasses.replace(leaf, key=".".join((head, *rest)))
+        for fields, head, rest in found
+        if head in fields and (leaf := _leaf(*fields[head], rest)) is not None
+    )
 
 
 def _leaf(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:

@@ -16,7 +16,6 @@ from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
-from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -24,6 +23,7 @@ from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.going_on import Journal
+    from robodyn_cli.results.hdf5.writer import ResultWriter
 
 
 def simulate(

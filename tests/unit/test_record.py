@@ -60,6 +60,36 @@ def test_as_a_dataclass(ours: Any, theirs: Any) -> None:
 
 
 @pytest.mark.parametrize("ours, theirs", PAIRS)
+def test_fields_are_the_library_s(ours: Any, theirs: Any) -> None:
+    """All that a field knows agrees, and what is left of it in the class, in a class that is derived too."""
+    A, B = made(ours), made(theirs)
+    C, D = (decorator(type("C", (base,), {"__annotations__": {"name": "str", "more": "float", "size": "int"},
+                                          "more": 1.0, "size": 4}))
+            for decorator, base in ((ours, A), (theirs, B)))  # fmt: skip
+    slots = (
+        "name",
+        "type",
+        "default",
+        "default_factory",
+        "init",
+        "repr",
+        "hash",
+        "compare",
+        "metadata",
+        "kw_only",
+    )
+    for a, b in ((A, B), (C, D)):
+        known = [[[getattr(f, slot) for slot in slots] for f in dataclasses.fields(x)] for x in (a, b)]
+        assert known[0] == known[1]
+        names = ("kind", "size", "name", "parts", "note", "more")
+        assert [vars(a).get(name) for name in names] == [vars(b).get(name) for name in names]
+    assert repr(C()) == repr(D()) and C().name == "none"
+    assert dataclasses.fields(dataclasses.make_dataclass("E", ["e"], bases=(C,), init=False))[-1].name == "e"
+    with pytest.raises(ValueError, match="default_factory"):
+        ours(type("F", (), {"__annotations__": {"f": "list[int]"}, "f": []}))
+
+
+@pytest.mark.parametrize("ours, theirs", PAIRS)
 @pytest.mark.parametrize(
     "args, kwargs, words",
     [

@@ -22,8 +22,9 @@ from robodyn_cli.over.many.command import error_of
 from robodyn_cli.results.stated_errors import STATEMENTS
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import load_scene
+from robodyn_cli.summaries import keys
 from robodyn_cli.summaries.facts import Fact, Termination, UnitOf, rounded_up
-from robodyn_cli.summaries.keys import EVERY_RUN, _written, fields_at, leaf_of, leaves_of, refusal
+from robodyn_cli.summaries.keys import EVERY_RUN, SHORT, _written, fields_at, leaf_of, leaves_of, refusal
 from robodyn_cli.summaries.loops import LoopErrors, LoopMargins
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
@@ -207,6 +208,24 @@ def test_every_key_that_is_listed_is_found(command: str) -> None:
     keys = [".".join(steps) for steps, _ in leaves_of(command)]
     assert leaves_of(command) is leaves_of(command)  # walked once, not for each result of a page
     assert "status" in keys and all(leaf_of(command, key) is not None for key in keys)
+
+
+@pytest.mark.parametrize("command", DESCRIBED)
+def test_the_short_way_to_a_joint_s_key_is_no_other_key(command: str) -> None:
+    """So it does not matter in which of the records of a command it is looked for first."""
+    heads = {steps[0] for steps, _ in leaves_of(command)}
+    short = {steps[2] for steps, _ in leaves_of(command) if steps[0] == SHORT and len(steps) > 2}
+    assert not (heads & short) - {"error"}, "that of a run that failed has no names below it"
+    leaf = leaf_of(command, "error.message")
+    assert leaf is not None and leaf.key == "error.message"
+
+
+def test_a_joint_s_key_loads_no_records_of_what_few_runs_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str | type] = []
+    monkeypatch.setattr(keys, "fields_at", lambda place: looked.append(place) or fields_at(place))
+    leaf = leaf_of.__wrapped__("inverse", "peak_torque.theta1")
+    assert leaf is not None and leaf.key == "joints.theta1.peak_torque"
+    assert {place for place in looked if isinstance(place, str)} == {"inverse:InverseSummary"}
 
 
 def test_units_follow_coordinates() -> None:

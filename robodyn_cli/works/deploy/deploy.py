@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import refuse_changes
 from robodyn_cli.ready.singularity import refuse_singular_start
 from robodyn_cli.record import record
-from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.apart import with_others
@@ -69,6 +68,9 @@ from robodyn_cli.works.deploy.scan import (
     latch_position,
     scan,
 )
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.hdf5.writer import ResultWriter
 
 
 @record

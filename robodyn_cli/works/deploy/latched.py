@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, gr
 from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
-from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_others
@@ -33,6 +32,9 @@ from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.motion import FinalState, LatchLock, LatchLockErrors, MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.deploy.recording import first_overload, overload_text
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.hdf5.writer import ResultWriter
 
 
 def deploy_latched(
