@@ -73,10 +73,10 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
                 store(result, directory, writer)
             publish(result, directory, job.drawings, watch)
         if job.drawings is not None and directory.lasts:
-            from robodyn_cli.report.registry import lacking
+            from robodyn_cli.report.registry import to_tell
 
-            for name in lacking(result, job.drawings):
-                console.note(f"robodyn: warning: no data for the plot {name}")
+            for text in to_tell(result, job.drawings):
+                console.note(f"robodyn: warning: {text}")
     if failure is not None:
         until = "" if isinstance(failure, StrictError) else " until then"
         if directory.lasts:

@@ -19,11 +19,13 @@ from robodyn_cli.report.numbers import error_number, unit
 from robodyn_cli.report.style import log_axis
 from robodyn_cli.results.held import HeldColumns
 from robodyn_cli.results.result import Result, column_names, units_of
+from robodyn_cli.results.sampling import too_far_apart
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.spatial.algebra import Array
 
 NOTHING = 1e-12  # of the largest value of its unit: less is what rounding leaves of zero
 NAMED = 3  # columns that a caption names
+DOTS: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4}
 LINE = 1.5  # width of a line [pt]; an error that is smaller is under it
 
 
@@ -34,7 +36,8 @@ class DrawnCurves:
     data : (T, n). names, units : of each column. error : (n,) largest one while the motion is meaningful, nan where
     none is stated. size : (n,) largest value of its peers, which have the same unit. nothing : name and largest value
     of each column that is drawn as zero, else an empty text. held : which columns are constant between updates of a
-    sampled controller.
+    sampled controller. apart : (T - 1, n), or (T - 1, 1) of all columns alike, between which samples no line is drawn;
+    None where that is not known.
     """
 
     data: Array
@@ -44,12 +47,30 @@ class DrawnCurves:
     size: Array
     nothing: Sequence[str]
     held: HeldColumns | None = None
+    apart: Array | None = None
 
     def lines(self, time: Array) -> list[tuple[Array, Array]]:
-        """Return the corners of the line of each column over samples at times (T,): steps where it is held."""
-        if self.held is None:
-            return [(time, y) for y in self.data.T]
-        return [self.held.line(time, y, k) for k, y in enumerate(self.data.T)]
+        """Return the corners of the line of each column over samples at times (T,): steps where it is held, gaps where
+        samples are too far apart."""
+        return [self._line(time, y, k) for k, y in enumerate(self.data.T)]
+
+    def _line(self, time: Array, y: Array, k: int) -> tuple[Array, Array]:
+        if self.held is not None and self.held.is_held(k):
+            return self.held.line(time, y, k)
+        behind = np.flatnonzero(self.gaps(k)) + 1
+        return np.insert(time, behind, time[behind - 1]), np.insert(y, behind, np.nan)
+
+    def gaps(self, k: int) -> Array:
+        """Return between which samples (T - 1,) no line of a column is drawn; none where it is held."""
+        if self.apart is None or (self.held is not None and self.held.is_held(k)):
+            return np.zeros(max(0, len(self.data) - 1), dtype=bool)
+        return np.asarray(self.apart[:, k if self.apart.shape[1] > 1 else 0])
+
+    def dots(self, time: Array) -> list[tuple[Array, Array]]:
+        """Return the samples of each column beside gaps of its line."""
+        gaps = [np.concatenate([[False], self.gaps(k), [False]]) for k in range(self.data.shape[1])]
+        beside = [gap[1:] | gap[:-1] for gap in gaps]
+        return [(time[at], y[at]) for at, y in zip(beside, self.data.T)]
 
     @property
     def least(self) -> Array:
@@ -66,7 +87,15 @@ class DrawnCurves:
         k = list(columns)
         names, units, nothing = ([x[i] for i in k] for x in (self.names, self.units, self.nothing))
         held = self.held and HeldColumns(self.held.period, tuple(self.held.offset[i] for i in k))
-        return DrawnCurves(self.data[:, k], names, units, self.error[k], self.size[k], nothing, held)
+        apart = self.apart if self.apart is None or self.apart.shape[1] == 1 else self.apart[:, k]
+        return DrawnCurves(self.data[:, k], names, units, self.error[k], self.size[k], nothing, held, apart)
+
+    def during(self, window: slice) -> DrawnCurves:
+        """Return the curves in a window of the samples."""
+        data = self.data[window]
+        first = window.start or 0
+        apart = None if self.apart is None else self.apart[first : first + max(0, len(data) - 1)]
+        return dataclasses.replace(self, data=data, apart=apart)
 
     def groups(self) -> dict[str, list[int]]:
         """Return the columns of each unit."""
@@ -103,7 +132,7 @@ def curves_of(result: Result, path: str, beside: Mapping[str, float] | None = No
     else:
         names, units, data = column_names(variable), units_of(variable), variable.data
     shown = curves(data, names, units, meaningful_error(result, path), beside)
-    return dataclasses.replace(shown, held=variable.held)
+    return dataclasses.replace(shown, held=variable.held, apart=too_far_apart(result, path))
 
 
 def nothing_note(nothing: Sequence[str]) -> list[str]:
@@ -149,6 +178,13 @@ def draw_lines(
         handles = [Line2D([], [], **look) for look in styles]
     ax.set_xlim(time[0], time[-1])
     return handles
+
+
+def draw_dots(ax: Axes, dots: Sequence[tuple[Array, Array]], handles: Sequence[Any]) -> None:
+    """Draw samples that no line joins, in the colours of the lines of their columns."""
+    for (x, y), handle in zip(dots, handles):
+        if len(x):
+            ax.plot(*envelope(x, y), color=handle.get_color(), **DOTS)
 
 
 def draw_crests(ax: Axes, time: Array, data: Array) -> list[Any]:
@@ -223,9 +259,9 @@ def fit_log_axis(
         return
     for none, values, colour in zip(zeros.T, data.T, colours):
         _mark_zeros(ax, time, none, colour)
-        alone = _alone(values > 0.0) if none.any() else none
-        if alone.any():  # between zeros there is no line
-            ax.plot(*envelope(time[alone], values[alone]), ".", color=colour, markersize=4)
+        single = alone(values > 0.0) if none.any() else none
+        if single.any():  # between zeros there is no line
+            ax.plot(*envelope(time[single], values[single]), ".", color=colour, markersize=4)
 
 
 def _mark_zeros(ax: Axes, time: Array, zero: Array, colour: Any) -> None:
@@ -235,12 +271,12 @@ def _mark_zeros(ax: Axes, time: Array, zero: Array, colour: Any) -> None:
     edge: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "color": colour, "clip_on": False}
     x, y = envelope(time, np.where(zero, 0.0, np.nan))
     ax.plot(x, y, linewidth=3.5, alpha=0.6, solid_capstyle="butt", **edge)
-    at = envelope(time[_alone(zero)], np.zeros(int(_alone(zero).sum())))
+    at = envelope(time[alone(zero)], np.zeros(int(alone(zero).sum())))
     if len(at[0]):
         ax.plot(*at, linestyle="none", marker="o", markersize=4.5, markerfacecolor="white", zorder=4, **edge)
 
 
-def _alone(chosen: Array) -> Array:
+def alone(chosen: Array) -> Array:
     """Tell which samples are chosen and their neighbours are not."""
     around = np.concatenate([[False], chosen, [False]])
     return np.asarray(chosen & ~around[:-2] & ~around[2:])

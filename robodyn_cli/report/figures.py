@@ -10,6 +10,7 @@ from robodyn_cli.commands import COMMANDS
 from robodyn_cli.report.cells import Table, figure, is_number, spaced
 from robodyn_cli.report.control_figures import control_tables, loop_note
 from robodyn_cli.results.result import Result, column_names, units_of
+from robodyn_cli.results.sampling import is_sparse, sparse_words
 from robodyn_cli.results.stated_errors import stated
 from robodyn_cli.summaries.control import POLE_UNIT
 from robodyn_cli.summaries.facts import Fact, rounded_up
@@ -43,7 +44,8 @@ def notes(result: Result) -> list[str]:
         sentences.append(f"no error estimate: {estimate['reason']}")
     if result.status == "failed":
         sentences.append(f"failed: {_at(summary, 'termination', 'reason')}")
-    return [*sentences, *(f"warning: {text}" for text in summary.get("warnings", ()))]
+    sparse = [f"{sparse_words(result)}: plots draw dots there"] if is_sparse(result) else []
+    return [*sentences, *(f"warning: {text}" for text in [*summary.get("warnings", ()), *sparse])]
 
 
 def _at(summary: Any, *keys: str) -> Any:

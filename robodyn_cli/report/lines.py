@@ -20,12 +20,17 @@ BINS = 1200
 def envelope(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
     """Return the samples that are smallest or largest in their bin, with both ends: what a line shows.
 
-    ``x`` and ``y`` have shape (T,); the result has some 2 ``bins`` samples. Samples that are not a number are
-    passed over unless a whole bin is.
+    ``x`` and ``y`` have shape (T,); the result has some 2 ``bins`` samples. Samples that are not a number break the
+    line; where that happens more often than in every fourth bin, they are passed over unless a whole bin is.
     """
     count = len(y)
     if count <= 4 * bins:
         return x, y
+    edges = np.flatnonzero(np.diff(np.isnan(y))) + 1
+    if 0 < len(edges) <= bins // 4:
+        parts = [slice(a, b) for a, b in zip([0, *edges], [*edges, count])]
+        kept_x, kept_y = zip(*(envelope(x[a], y[a], -(-bins * len(y[a]) // count)) for a in parts))
+        return np.concatenate(kept_x), np.concatenate(kept_y)
     rows = count // bins
     whole = rows * bins
     block = y[:whole].reshape(bins, rows)

@@ -14,7 +14,15 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, failure_note, save
-from robodyn_cli.report.curves import NAMED, DrawnCurves, curves_of, draw_error, fit_axis, nothing_note
+from robodyn_cli.report.curves import (
+    NAMED,
+    DrawnCurves,
+    curves_of,
+    draw_dots,
+    draw_error,
+    fit_axis,
+    nothing_note,
+)
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.numbers import position_word, unit
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
@@ -143,6 +151,7 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
         handles = [
             ax.plot(*envelope(*one.lines(time)[0]), **look)[0] for (time, one), look in zip(drawn, looks)
         ]
+        draw_dots(ax, [one.dots(time)[0] for time, one in drawn], handles)
         fit_axis(ax, *(one for _, one in drawn))
         for (time, one), handle, result in zip(drawn, handles, results.values()):
             x, y = one.lines(time)[0]

@@ -89,10 +89,16 @@ def applicable(result: Result, asked: bool = False) -> list[str]:
     return [name for name in plots_of(result.command, asked) if PLOTS[name].applies(result)]
 
 
-def lacking(result: Result, drawings: Drawings) -> list[str]:
-    """Return the plots asked for that ``result`` has no data for."""
+def to_tell(result: Result, drawings: Drawings) -> list[str]:
+    """Return what is to be told beside the drawings of a run, a line each: plots asked for that there are no data for,
+    and samples that do not show the motion."""
+    from robodyn_cli.results.sampling import is_sparse, sparse_words
+
     possible = applicable(result, asked=True)
-    return [name for name in drawings.names or () if name not in possible]
+    told = [f"no data for the plot {name}" for name in drawings.names or () if name not in possible]
+    if is_sparse(result):
+        told.append(f"{sparse_words(result)}: plots draw dots there")
+    return told
 
 
 def draw(result: Result, name: str) -> Figure:

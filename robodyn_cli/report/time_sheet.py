@@ -17,6 +17,7 @@ from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
     draw_crests,
+    draw_dots,
     draw_error,
     draw_lines,
     fit_axis,
@@ -25,12 +26,12 @@ from robodyn_cli.report.curves import (
     nothing_note,
 )
 from robodyn_cli.report.format import NARROW, NOTE_WIDTH, current
-from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.numbers import error_number, times, unit
 from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.sampling import sparse_words, too_far_apart
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL
@@ -104,27 +105,16 @@ def lost_note(result: Result) -> list[str]:
     ]
 
 
-def sparse_note(result: Result) -> list[str]:
-    """Return the line that says that samples are too far apart to show the motion; none where they are not.
-
-    The integrator took many steps between two samples, and rates there do not add up to how positions change.
-    """
-    steps = (result.summary.get("counters") or {}).get("steps", 0)
-    if "q" not in result or "qd" not in result or result["q"].shape != result["qd"].shape:
+def sparse_note(result: Result, shows: str) -> list[str]:
+    """Return the line that says that samples are too far apart to show what is drawn; none where they are not."""
+    if not shows:
         return []
-    between = steps / max(1, len(result.time) - 1)
-    if between < SPARSE_STEPS:
-        return []
-    q, qd = finite(result["q"]), finite(result["qd"])
-    gaps = np.diff(q, axis=0) - 0.5 * np.diff(result.time)[:, None] * (qd[1:] + qd[:-1])
-    with np.errstate(invalid="ignore"):
-        missed = np.nan_to_num(np.median(np.abs(gaps), axis=0)) > SPARSE_PART * np.ptp(q, axis=0)
-    if not missed.any():
-        return []
-    return [
-        f"Samples are too far apart to show the motion: the integrator took {between:.0f} steps between two "
-        "(simulate.samples)"
-    ]
+    paths = [path for path in result.variables if path.startswith(f"{shows}/")] if shows in PARTS else [shows]
+    return (
+        [f"{sparse_words(result)}: dots, no lines"]
+        if any(too_far_apart(result, path).any() for path in paths)
+        else []
+    )
 
 
 def unseen_note(result: Result, path: str) -> list[str]:
@@ -138,8 +128,7 @@ def unseen_note(result: Result, path: str) -> list[str]:
     ]
 
 
-SPARSE_STEPS = 4.0  # of the integrator between two samples
-SPARSE_PART = 0.1  # of the range of a position, which half the intervals between samples miss
+PARTS = ("energy", "points")  # groups whose datasets are too far apart each for itself
 
 
 def hatch(axes: Sequence[Axes], until: float) -> None:
@@ -214,7 +203,11 @@ class TimeSheet(Sheet):
         layout.setdefault("height", panel_height(1))
         self._errors = [error_words(result, shows)] if shows else []
         captions = [*nothing_note(nothing), *self._errors]
-        alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result), *sparse_note(result)]
+        alarms = [
+            *filter(None, [decisive_text(self.moments)]),
+            *lost_note(result),
+            *sparse_note(result, shows),
+        ]
         alarms += layout.pop("told", ())
         super().__init__(result, subtitle, labels=labels, captions=captions, told=alarms, **layout)
         self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Line2D]]] = []
@@ -228,7 +221,9 @@ class TimeSheet(Sheet):
     ) -> list[Any]:
         """Draw curves on a linear axis, with their errors; return a handle for each. Looks are those of their names."""
         styles = styles or self.looks.lines(shown.names)
-        handles = draw_lines(ax, self._result.time, shown.lines(self._result.time), styles)
+        time, shown = self._result.time, self._sampled(shown)
+        handles = draw_lines(ax, time, shown.lines(time), styles)
+        draw_dots(ax, shown.dots(time), handles)
         make_room(ax, shown)
         fit_axis(ax, shown, magnitudes=magnitudes)
         self._drawn.append((ax, self._result.time, shown, handles))
@@ -245,11 +240,21 @@ class TimeSheet(Sheet):
         """Draw magnitudes in a window of the time on a logarithmic axis between two ends; those without ``styles``
         are noisy, and drawn with their crests."""
         time, data = self._result.time[window], shown.data[window]
-        lines = [(time, y) for y in data.T]
-        handles = draw_lines(ax, time, lines, styles) if styles else draw_crests(ax, time, data)
+        if styles:
+            shown = self._sampled(shown).during(window)
+            handles = draw_lines(ax, time, shown.lines(time), styles)
+            draw_dots(ax, shown.dots(time), handles)
+        else:
+            handles = draw_crests(ax, time, data)
         colours = [handle.get_color() for handle in handles]
         fit_log_axis(ax, time, data, colours, ends, any(shown.nothing))
         return handles
+
+    def _sampled(self, shown: DrawnCurves) -> DrawnCurves:
+        """Return curves that know where samples are too far apart for them: where they are for what follows from the
+        state."""
+        known = shown.apart is not None
+        return shown if known else dataclasses.replace(shown, apart=too_far_apart(self._result))
 
     def finish(self, handles: Sequence[Any], labels: Sequence[str]) -> None:
         """Draw the errors, hatch what is lost in them, mark the moments, name the time axis, put the legend below."""
@@ -273,7 +278,9 @@ class TimeSheet(Sheet):
         until, close = meaningful_until(self._result.summary), []
         for ax, time, shown, handles in list(self._drawn) if current().width >= NARROW else ():
             window = last_periods(time, shown, until)
-            if window is None:
+            if window is None or any(
+                shown.gaps(k)[time[:-1] >= window[0]].any() for k in range(len(shown.names))
+            ):
                 continue
             beside = _axes_beside(ax)
             for (x, y), handle in zip(shown.lines(time), handles):

@@ -34,6 +34,7 @@ from robodyn_cli.report.lines import finite
 from robodyn_cli.report.looks import POINTS, looks_of
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result, evenly
+from robodyn_cli.results.sampling import too_far_apart
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.nested_options import DeployLatch
 from robodyn_cli.scene.types import Scene
@@ -201,6 +202,8 @@ def _trails(result: Result, problem: Problem) -> tuple[Trail, ...]:
     trails = []
     looks = looks_of(result)
     for name, (times, path) in paths_of(result, problem).items():
+        known = np.isfinite(path).all(axis=1)
+        times, path = times[known], path[known]
         keep = evenly(len(path), TRAIL)
         trails.append(Trail(name, times[keep], path[keep], looks.colour(name, POINTS)))
     for payload in problem.model.payloads:
@@ -212,8 +215,9 @@ def _trails(result: Result, problem: Problem) -> tuple[Trail, ...]:
 
 
 def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[Array, Array]]:
-    """Return times (K,) and places (K, 3) of the named points that move, between samples where these are few."""
-    paths = {name: (result.time, path) for name, path in moving_paths(result).items()}
+    """Return times (K,) and places (K, 3) of the named points that move, between samples where these are few; nan
+    where that is not known."""
+    paths = {name: _broken(result, name, path) for name, path in moving_paths(result).items()}
     if not paths or len(result.time) >= FINE or not can_draw(result):
         return paths
     problem = problem or Problem(scene_of(result.scene_text))
@@ -226,6 +230,12 @@ def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[
     places, _, _ = expressions.evaluate(t, q, np.zeros((len(t), problem.model.nv)))
     fine = {name: (t, finite(places[:, k])) for name, k in own.items() if k is not None}
     return {**paths, **fine}
+
+
+def _broken(result: Result, name: str, path: Array) -> tuple[Array, Array]:
+    """Return times (K,) and places (K, 3) of a point at the samples, with nan where these are too far apart."""
+    behind = np.flatnonzero(too_far_apart(result, f"points/{name}").any(axis=1)) + 1
+    return np.insert(result.time, behind, result.time[behind - 1]), np.insert(path, behind, np.nan, axis=0)
 
 
 def plane_of(points: Array, slim: Sequence[int]) -> tuple[int | None, Array | None]:

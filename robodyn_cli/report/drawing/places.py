@@ -197,8 +197,8 @@ def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | No
     """Return times (K,) and positions (K, nq) at samples and between them, on the cubic polynomials that have the rates
     there, too; None where samples are near enough, or too few.
 
-    Positions go straight where rates do not fit them: something happened on the way, or samples are too far apart.
-    Attitudes have nothing between samples then.
+    Positions go straight where something happened on the way, and are nan there where rates do not fit them: samples
+    are too far apart. Where that is so of attitudes alone, they have nothing between samples.
     """
     t, q, model = result.time, result["q"], problem.model
     qd = result["qd"] if "qd" in result else np.zeros((0, 0))
@@ -219,7 +219,9 @@ def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | No
     known = ~off[:, [k for four in attitudes for k in range(*four.indices(model.nq))]].any(axis=1)
     strays = off.any(axis=1)
     happened = np.searchsorted(t, [float(event["time"]) for event in result.events]) - 1
-    strays[happened[(happened >= 0) & (happened < len(strays))]] = True
+    happened = happened[(happened >= 0) & (happened < len(strays))]
+    unknown = strays & ~np.isin(np.arange(len(strays)), happened)
+    strays[happened] = True
     first, last = (np.where(strays[:, None], way, x)[:, None] for x in (first, last))
     s = (np.arange(pieces) / pieces)[None, :, None]
     x = q[:-1, None] + s * (
@@ -227,6 +229,7 @@ def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | No
     )
     for four in attitudes:
         x[:, :, four] /= np.linalg.norm(x[:, :, four], axis=2)[:, :, None]
+    x[unknown, 1:] = np.nan
     kept = (s[0, :, 0] == 0.0) | known[:, None]
     return np.append((t[:-1, None] + s[0, :, 0] * h)[kept], t[-1]), np.vstack([x[kept], q[-1:]])
 

@@ -3,6 +3,7 @@
 const LEFT = 58, RIGHT = 12, TOP = 32, BOTTOM = 22, LAST = 40; // rooms around a panel [pixels]
 const PAPER_WIDTH = 690, PAPER_HEIGHT = 300; // of a plot on paper: two go on a page
 const READ = 6; // digits at the cursor; arrays have seven
+const DOT = 1.2; // of samples that no line joins
 /* Corners of marks, over their size; other marks are circles. */
 const MARKERS = {
   s: [[-1, -1], [1, -1], [1, 1], [-1, 1]], D: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]],
@@ -199,7 +200,7 @@ class Chart {
     return { fill: look.fill === "#ffffff" ? PAPER : inked(look.fill || look.colour), stroke: inked(look.colour), "stroke-width": 1.2 };
   }
   marker(kind, x, y, r = 3.6) {
-    return kind in MARKERS ? path(MARKERS[kind].map(([a, b]) => [x + a * r, y + b * r]), true) : circle([x, y], r);
+    return kind in MARKERS ? path(MARKERS[kind].map(([a, b]) => [x + a * r, y + b * r]), true) : circle([x, y], kind === "." ? DOT : r);
   }
 
   // -- the cursor -----------------------------------------------------------------------------------------------

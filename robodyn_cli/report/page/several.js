@@ -100,7 +100,7 @@ class Several {
     place.append(named("div", "", { className: "chart" }));
     const range = drawn.flatMap((line) => [...line.y].filter(Number.isFinite)), low = Math.min(...extremes(range)), high = Math.max(...extremes(range));
     const room = WINDOW * (high - low) || 0.05 * Math.abs(high) || 1, ends = drawn.flatMap((line) => [line.x[0], line.x[line.x.length - 1]]);
-    const look = (line) => this.data.looks[line.of];
+    const look = (line) => ({ ...this.data.looks[line.of], ...(line.dotted ? { width: 0, dashes: [], marker: "." } : {}) });
     const lines = drawn.map((line, k) => ({ ...look(line), x: line.x, y: line.y, spans: [false, false], entry: k }));
     const errors = drawn.flatMap((line) => (line.error > 1e-3 * (high - low) ? [this.band(line, look(line).colour)] : []));
     const less = reference ? ` less that of ${this.data.labels[chosen]}` : "";
@@ -145,6 +145,7 @@ class Several {
     if (missing.length) parts.push(`Without such a signal: ${some(missing)}.`);
     const apart = found.filter((line) => line.x.length < 2 && (!reference || line.of !== reference.of));
     if (apart.length) parts.push(`Not drawn, as samples are at other times or thinned, and nothing says how far off a line between samples is: ${some(apart)}.`);
+    if (drawn.some((line) => line.dotted)) parts.push("Dots: samples are too far apart to show the motion.");
     if (wanted.some((line) => line.thinned)) parts.push("Lines are thinned to their smallest and largest samples.");
     if (!wanted.length) parts.push("No result is chosen that has this signal.");
     this.box.querySelector(".told").textContent = parts.join(" ");

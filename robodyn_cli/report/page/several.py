@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -114,7 +115,7 @@ def overlay_data(labels: Sequence[str], results: Sequence[Result], arrays: Array
     for (plot, name, units), of in sorted(signals.items(), key=lambda item: -len(item[1])):
         own = []
         for k, time, one in of:
-            x, y = one.lines(time)[0]
+            x, y = dataclasses.replace(one, apart=None).lines(time)[0]
             x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
             kept = envelope(x, y, max(1, most // 4))
             thinned = len(kept[0]) < len(x)
@@ -125,6 +126,7 @@ def overlay_data(labels: Sequence[str], results: Sequence[Result], arrays: Array
                     "x": arrays.put(kept[0], double=not thinned),
                     "y": arrays.put(kept[1], double=not thinned and len(results) <= WHOLE),
                     "thinned": thinned,
+                    "dotted": bool(one.gaps(0).any()),  # a line would hide the motion somewhere
                     "error": error if math.isfinite(error) else None,
                 }
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from robodyn_cli.report.style import BLACK, line_styles, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.sampling import too_far_apart
 from robodyn_cli.results.stated_errors import meaningful_error
 
 # each kind with its look, the same where another is not there: dashed, as the total often lies on the potential
@@ -35,7 +37,9 @@ def energy(result: Result) -> Any:
         subtitle += f"; potential and total counted from V(0) = {number(datum, 6)} J"
     errors = [meaningful_error(result, f"energy/{kind}") for kind in kinds]
     units = ["J"] * len(kinds)
+    apart = np.column_stack([too_far_apart(result, f"energy/{kind}") for kind in kinds])
     shown = curves(np.column_stack(list(columns.values())), labels, units, errors, {"J": level})
+    shown = dataclasses.replace(shown, apart=apart)
     sheet = TimeSheet(result, subtitle, "energy", shown.nothing, labels=labels)
     handles = sheet.draw(sheet.ax, shown, [KINDS[kind] for kind in kinds])
     sheet.ax.set_ylabel("energy [J]")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ from robodyn_cli.report.plots.columns import time_plot
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height, unseen_note
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.sampling import too_far_apart
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.spatial.algebra import Array
 
@@ -76,12 +78,18 @@ def point_coordinates(result: Result) -> Any:
     paths = moving_paths(result)
     names = list(paths)[: style.FEW]
     beside = {"m": max(float(np.nanmax(np.abs(path), initial=0.0)) for path in paths.values())}
+    apart = np.stack(
+        np.broadcast_arrays(*(too_far_apart(result, f"points/{name}") for name in paths)), axis=1
+    )
     panels = {
-        axis: curves(
-            np.column_stack([path[:, k] for path in paths.values()]),
-            list(paths),
-            ["m"] * len(paths),
-            beside=beside,
+        axis: dataclasses.replace(
+            curves(
+                np.column_stack([path[:, k] for path in paths.values()]),
+                list(paths),
+                ["m"] * len(paths),
+                beside=beside,
+            ),
+            apart=apart[:, :, k % apart.shape[2]],
         )
         for k, axis in enumerate("xyz")
     }

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import numbers, style
 from robodyn_cli.report.canvas import Sheet, panel_width
+from robodyn_cli.report.curves import DOTS, alone
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
@@ -123,7 +124,10 @@ def tip_path(result: Result) -> Any:
     views = [] if view.flat else [View(paths, along_axis(axis)) for axis in (1, 0, 2)]
     labels = [*drawn, *(["target"] if targets else []), "start"]
     height = paper.height_of(view, panel_width()) + paper.room_below(views)
-    sheet = Sheet(result, _subtitle_of_paths(view, samples, targets, drawn), labels=labels, height=height)
+    subtitle = _subtitle_of_paths(view, samples, targets, drawn)
+    if any(np.isnan(path).any() for path in shown.values()):
+        subtitle += "; dots where samples are too far apart to show more"
+    sheet = Sheet(result, subtitle, labels=labels, height=height)
     looks = looks_of(result)
     for one, ax in zip(views, paper.axes_below(sheet, views)):
         _paths(ax, one, looks, shown, targets, 0.6)
@@ -145,6 +149,7 @@ def _paths(
         path = thin_path(view.camera.project(data)[:, :2])
         width, dash = (3.0, "-") if name in targets else (1.5, look["linestyle"])
         handles += ax.plot(*path.T, color=look["color"], linestyle=dash, linewidth=scale * width)
+        ax.plot(*path[alone(~np.isnan(path[:, 0]))].T, color=look["color"], **DOTS)
     dashed: list[Any] = []
     for data in targets.values():
         path = thin_path(view.camera.project(data)[:, :2])

@@ -40,7 +40,11 @@ def torques(result: Result) -> Any:
     units = [unit(u) for u in shown.units]
     rms = _root_mean_squares(shown, result.time)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
-    few = len(names) <= style.FEW
+    few, lined = (
+        len(names) <= style.FEW,
+        set[int](),
+    )  # no root mean square is drawn where no torque comes so high
+    panels = _panels(shown) if few else list(shown.groups().items())
     zero = len(whole.names) - len(names)
     near = limits_near(result, "tau")
     note = _idle_note(zero) + (LIMIT_NOTE if near else "") + torque_note(result)
@@ -48,7 +52,9 @@ def torques(result: Result) -> Any:
     if len(names) > style.MANY:
         return draw_map(result, shown, "torque or force", subtitle, "tau")
     if few:
-        subtitle = f"Actuator torques; dot: peak, thin line: root mean square, on the side of the peak{note}"
+        lined = {k for _, columns in panels for k in columns if 0.0 < rms[k] <= np.nanmax(data[:, columns])}
+        beside = ", thin line: root mean square" if lined else ""
+        subtitle = f"Actuator torques; dot: peak{beside}{note}"
         stated = [
             _stated_peak(result, name, float(data[at, k])) for k, (name, at) in enumerate(zip(names, peak))
         ]
@@ -56,7 +62,6 @@ def torques(result: Result) -> Any:
             f"{name}: peak {number(stated[k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
             for k, name in enumerate(names)
         ]
-    panels = _panels(shown) if few else list(shown.groups().items())
     height = panel_height(len(panels))
     sheet = TimeSheet(
         result, subtitle, "tau", whole.nothing, panels=len(panels), height=height, labels=labels,
@@ -70,8 +75,8 @@ def torques(result: Result) -> Any:
             ax.plot(
                 result.time[peak[column]], largest, "o", color=colour, markersize=5, clip_on=False, zorder=3
             )
-            level = float(np.copysign(rms[column], largest))
-            ax.axhline(level, color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
+            if column in lined:
+                ax.axhline(float(rms[column]), color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
         draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
         ax.set_ylabel(load_label("torque or force", units_here))
     sheet.finish(handles, labels)
