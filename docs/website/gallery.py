@@ -152,7 +152,8 @@ def add_gallery(site: Site, out: Path, jobs: int, further: list[Shot]) -> list[S
     """Run what the gallery shows and further commands, and add its pages; return all that was run."""
     shots = runs.scenes()
     others = [*runs.drawing(), *further]
-    runs.done([*shots, *others], out, jobs)
+    # those that take longest are among the last, and begin first, so that none is left alone at the end
+    runs.done([*reversed(others), *shots], out, jobs)
     site.add("gallery/index.md", index(shots), "")
     site.add("gallery/plots.md", plots_page(out, [*shots, *others]), "")
     for shot in shots:

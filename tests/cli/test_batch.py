@@ -13,7 +13,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from typer.testing import CliRunner
 
+from robodyn_cli.cli import console
+from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch import entries as batch_entries
 from robodyn_cli.over.batch.batch import Batch
@@ -373,3 +376,10 @@ os.kill(os.getpid(), signal.SIGINT)
     suite = ElementTree.parse(xml).getroot()[0]
     assert (suite.get("tests"), suite.get("skipped")) == ("1", "1")
     assert "interrupted" in note.read_text() and not list(tmp_path.glob("*.tmp"))
+
+
+def test_one_scene_is_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(console, "LONG_SECONDS", 0.01)
+    scene = arm(tmp_path / "good.yaml")
+    said = CliRunner().invoke(app, ["run", str(scene), "--out", str(tmp_path / "out"), "--no-plots"]).stderr
+    assert " s: 1 scene\n" in said

@@ -100,7 +100,7 @@ def command(
         load(entries, out, settings)
         widths = max(len(e.name) for e in entries), max(len(e.command or "-") for e in entries)
         worker = functools.partial(command_line, drawn, settings)
-        with console.waiting(lambda: f"{len(entries)} scenes"):
+        with console.waiting(lambda: f"{len(entries)} scene{'s' if len(entries) != 1 else ''}"):
             batch = Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout)
             for done, entry in enumerate(batch.run(), 1):
                 if stored is not None:
