@@ -14,10 +14,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from playwright.async_api import BrowserContext, Page, async_playwright
+from playwright.async_api import Browser, Page, async_playwright
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SHOWN = 3  # places of a rule on a page
+LONGEST = 300  # seconds that a page may take to load
 ALL: dict[str, Any] = {"resultTypes": ["violations"]}
 # by night a page differs in its colours alone
 SCHEMES = {"light": ALL, "dark": {**ALL, "runOnly": ["color-contrast"]}}
@@ -43,15 +44,17 @@ async def barriers(folder: Path, tabs: int) -> int:
     async with async_playwright() as driver:
         # root, as in containers, has no sandbox
         browser = await driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        context = await browser.new_context(offline=True, bypass_csp=True)
-        await context.add_init_script((files("axe_playwright_python") / "axe.min.js").read_text("utf-8"))
-        found = await asyncio.gather(*(in_tab(context, pages, folder) for _ in range(tabs)))
+        found = await asyncio.gather(*(in_tab(browser, pages, folder) for _ in range(tabs)))
         await browser.close()
     return sum(found)
 
 
-async def in_tab(context: BrowserContext, pages: Iterator[Path], folder: Path) -> int:
+async def in_tab(browser: Browser, pages: Iterator[Path], folder: Path) -> int:
     """Look at the pages that other tabs leave, one after another; return how much is found."""
+    # tabs of one context share a process, and wait for one another
+    context = await browser.new_context(offline=True, bypass_csp=True)
+    context.set_default_timeout(1000 * LONGEST)
+    await context.add_init_script((files("axe_playwright_python") / "axe.min.js").read_text("utf-8"))
     tab, count = await context.new_page(), 0
     for path in pages:
         await tab.goto(path.as_uri())

@@ -24,6 +24,16 @@ GROUPS = {
     "benchmarks": "Benchmarks",
 }
 
+# what stands for a scene whose mechanism others show too
+CARDS = {
+    "2r_drives": "drives",
+    "arm_weightless": "torques",
+    "controlled_arm": "tracking",
+    "mechanisms/flywheel": "flywheel",
+    "mechanisms/solar_array_springs": "joint_angles",
+    "benchmarks/puma560_hold": "torques",
+}
+
 
 def title(file: Path) -> str:
     """Return the title of a scene."""
@@ -53,9 +63,9 @@ def whole(file: Path) -> str:
     return "\n".join(parts)
 
 
-def figure(path: str, target: str = "", words: str = "", alt: str = "") -> str:
-    """Return a picture with a link and words below."""
-    head = [f":::{{figure}} {path}", f":alt: {alt or words}"] + ([f":target: {target}"] if target else [])
+def figure(path: str, target: str = "", words: str = "", *, alt: str) -> str:
+    """Return a picture with a link, and words below; ``alt`` is what it shows, without links."""
+    head = [f":::{{figure}} {path}", f":alt: {alt}"] + ([f":target: {target}"] if target else [])
     return "\n".join([*head, "", words, ":::", ""]) if words else "\n".join([*head, ":::", ""])
 
 
@@ -89,7 +99,12 @@ def index(shots: list[Shot]) -> str:
     for folder, heading in GROUPS.items():
         inside = [shot for shot in shots if posixpath.dirname(shot.scene) == folder]
         entries = [
-            figure(f"../{picture(s, 'mechanism')}", f"{s.scene}.html", f"[{title(s.file)}]({s.scene}.md)")
+            figure(
+                f"../{picture(s, CARDS.get(s.scene, 'mechanism'))}",
+                f"{s.scene}.html",
+                f"[{title(s.file)}]({s.scene}.md)",
+                alt=f"{CARDS.get(s.scene, 'mechanism')} of {title(s.file)}",
+            )
             for s in inside
         ]
         parts.append(f"## {heading}\n\n{cards(entries)}")

@@ -13,7 +13,7 @@ from website.__main__ import linked, whole_site
 from website.check import wrong
 from website.contents import listed
 from website.examples import WITHOUT, all_examples
-from website.gallery import whole
+from website.gallery import CARDS, index, names, whole
 from website.indexes import messages
 from website.pages import DOCS, ROOT, Links, Site, sources
 from website.runs import Shot, done, drawing, scenes
@@ -178,3 +178,11 @@ def test_the_python_pages_have_every_name() -> None:
 def test_examples_of_all_kinds_of_commands_are_run() -> None:
     commands = {shot.command for shot in (*scenes(), *drawing())}
     assert {name for name, row in COMMANDS.items() if row.plots} <= commands
+
+
+def test_cards_of_the_gallery_say_what_they_show() -> None:
+    """In words alone, a plot of the scene's own command."""
+    found = re.findall(r"^:alt: (.*)$", index(scenes()), re.MULTILINE)
+    assert len(found) == len(scenes()) and not any("](" in alt for alt in found)
+    commands = {shot.scene: shot.command for shot in scenes()}
+    assert all(kind in names(COMMANDS[commands[scene]].plots) for scene, kind in CARDS.items())
