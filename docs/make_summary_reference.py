@@ -4,8 +4,8 @@ them.
     python docs/make_summary_reference.py            rewrite the tables
     python docs/make_summary_reference.py --check    exit 1 if a table is out of date
 
-A table stands between ``<!-- summary: MODULE:RECORD -->``, ``<!-- datasets: GROUP -->`` or ``<!-- format: attributes
--->`` and ``<!-- end -->``; the text around it is written by hand.
+A table stands between ``<!-- summary: MODULE:RECORD -->``, ``<!-- datasets: GROUP -->`` ``<!-- format: attributes
+-->`` or ``<!-- headlines -->`` and ``<!-- end -->``; the text around it is written by hand.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.results.catalogue import ATTRIBUTES, GROUPS
 from robodyn_cli.results.stated_errors import error_places
 from robodyn_cli.summaries.facts import Fact
-from robodyn_cli.summaries.keys import fields_at
+from robodyn_cli.summaries.keys import fields_at, leaves_of
 
 PAGE, FILES = (Path(__file__).parent / name for name in ("cli.md", "hdf5.md"))
 TABLE = re.compile(r"(<!-- summary: (\w+:\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 ATTRIBUTE_TABLE = re.compile(r"(<!-- format: attributes -->\n).*?(<!-- end -->)", re.DOTALL)
+HEADLINES = re.compile(r"(<!-- headlines -->\n).*?(<!-- end -->)", re.DOTALL)
 DATASETS = re.compile(r"(<!-- datasets: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -50,6 +52,16 @@ def attribute_table() -> str:
     """Return the table of the attributes of a file's root."""
     rows = ["| attribute | kind | meaning |", "|---|---|---|"]
     rows += [f"| `{entry.name}` | {entry.kind} | {entry.meaning} |" for entry in ATTRIBUTES]
+    return "\n".join(rows) + "\n"
+
+
+def headline_table() -> str:
+    """Return the table of the keys by which the results of commands are told, with the words for them."""
+    rows = ["| command | told by |", "|---|---|"]
+    for name, row in COMMANDS.items():
+        leaves = {".".join(steps): leaf for steps, leaf in leaves_of(name)} if row.headlines else {}
+        told = ", ".join(f"{leaves[key].fact.column} (`{key}`)" for key in row.headlines)
+        rows += [f"| `{name}` | {told} |"] if told else []
     return "\n".join(rows) + "\n"
 
 
@@ -96,6 +108,7 @@ def _records(key: str, kind: Any, fact: Fact) -> Iterator[tuple[str, type]]:
 def rewritten(text: str) -> str:
     """Return a page with its tables made anew."""
     text = TABLE.sub(lambda m: m.group(1) + table(m.group(2)) + m.group(3), text)
+    text = HEADLINES.sub(lambda m: m.group(1) + headline_table() + m.group(2), text)
     text = ATTRIBUTE_TABLE.sub(lambda m: m.group(1) + attribute_table() + m.group(2), text)
     return DATASETS.sub(lambda m: m.group(1) + dataset_table(m.group(2)) + m.group(3), text)
 

@@ -20,6 +20,8 @@ class Command:
     check : what ``validate`` tries, beside every ``run``: f(scene) -> names of missing data. It does what the command
     does before its first step, and raises what the command raises there.
     summary : the records of its summary, one after another, as ``module:class`` below ``summaries/``.
+    headlines : keys of its summary by which results are told first, on the terminal, on pages, in comparisons, in docs,
+    with kinds of names in capitals. Words, unit and error of each are those of its declaration in ``summaries/``.
     plan : f(scene) -> the ``Subject`` of a plan.
     batch : class of ``many.command.Command``, which makes many runs in compiled code.
     slopes : exact derivatives: f(asked, numbers of keys) -> a ``Slope`` for each of these keys, by output; or the class
@@ -41,6 +43,7 @@ class Command:
     run: str = ""
     check: str = ""
     summary: tuple[str, ...] = ()
+    headlines: tuple[str, ...] = ()
     plan: str = ""
     batch: str = ""
     slopes: str = ""
@@ -87,6 +90,12 @@ DESIGN = (
     "design:velocity_ratios",
     "design:pressure_angle",
 )
+# figures of columns that a run is asked for, and of what a controller leads
+ENDS = ("smallest", "smallest_time", "largest", "largest_time", "final")
+EXTREMES = tuple(f"extremes.COLUMN.{key}" for key in ENDS)
+RESPONSE = ("step", "rise", "overshoot", "settling", "final_error", "effort", "energy")
+TRACKING = tuple(f"control.tracking.TRACKED.{key}" for key in ("peak", "at", "rms"))
+LED = (*TRACKING, *(f"response.TRACKED.{key}" for key in RESPONSE))
 # drawings of one configuration
 STILL = ("mechanism:branches", "mechanism:mechanism")
 
@@ -102,6 +111,12 @@ COMMANDS: dict[str, Command] = {
             "drives:DriveKeys",
             "drives:MotorisationKeys",
             "design:BalanceKeys",
+        ),
+        headlines=(
+            "fastest.duration",
+            "joints.JOINT.peak_torque",
+            "joints.JOINT.peak_torque_time",
+            "joints.JOINT.rms_torque",
         ),
         plan="over.plan.subjects:InversePlan",
         batch="over.many.inverse:InverseRuns",
@@ -133,6 +148,7 @@ COMMANDS: dict[str, Command] = {
             "drives:MotorisationKeys",
             "extremes:RunExtremes",
         ),
+        headlines=("final.q.JOINT", "final.qd.JOINT", *LED, *EXTREMES),
         plan="over.plan.subjects:Forward",
         batch="over.many.simulate:Simulate",
         slopes="over.sensitivity.report:simulate",
@@ -163,6 +179,7 @@ COMMANDS: dict[str, Command] = {
             "extremes:RunExtremes",
             "drives:MotorisationKeys",
         ),
+        headlines=("lock.time", "lock.latch.energy_lost", "lock.latch.angular_impulse", *LED, *EXTREMES),
         plan="over.plan.subjects:ForwardUntilLock",
         batch="over.many.simulate:Deploy",
         slopes="over.sensitivity.report:deploy",
@@ -178,6 +195,17 @@ COMMANDS: dict[str, Command] = {
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
         summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys", "design:DesignKeys"),
+        headlines=(
+            "joints.JOINT.smallest",
+            "joints.JOINT.largest",
+            "joints.JOINT.peak_speed",
+            "points.POINT.path_length",
+            "points.POINT.peak_speed",
+            "singular_ratio.smallest",
+            "transmission_angle.smallest_deg",
+            "transmission_angle.largest_deg",
+            *EXTREMES,
+        ),
         batch="over.many.kinematics:KinematicsRuns",
         slopes="over.sensitivity.of_kinematics:KinematicsSlopes",
         together="over.sensitivity.of_kinematics:PlacesTogether",
@@ -247,6 +275,7 @@ COMMANDS: dict[str, Command] = {
             "drives:MotorisationKeys",
             "inverse:SizeSummary",
         ),
+        headlines=("size.cost", "size.mass"),
         plots=("drives:size_front", "drives:drives"),
         blames="trajectory",
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.words import error_text, meanings, number, table
+from robodyn_cli.cli.words import error_text, number, table
 from robodyn_cli.summaries.control import OWN_GAINS, is_diagonal
 
 MOST_ROWS = 12  # of a table
@@ -15,7 +15,7 @@ ZERO = 1e-14  # of the largest gain of a row: rounding
 
 
 def control_lines(control: Mapping[str, Any], verbose: bool = True) -> list[str]:
-    """Return what a controller is, and for each coordinate its largest error and time at limits."""
+    """Return what a controller is."""
     sampled = (
         f", {control['updates']} samples every {number(control['period'])} s" if "period" in control else ""
     )
@@ -24,42 +24,7 @@ def control_lines(control: Mapping[str, Any], verbose: bool = True) -> list[str]
     lines = [f"  controller         {control['type']}{sampled}"]
     if verbose:
         lines += _design_lines(control)
-    if tracking := control.get("tracking"):
-        lines += ["", _tracking_table(tracking, control.get("saturated", {})), ""]
     return lines
-
-
-def response_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return how what the controller leads goes to where it is to be, where that is asked for."""
-    found = summary.get("response")
-    if not found:
-        return []
-    from robodyn_cli.summaries.response import Response
-
-    figures = (
-        ("step", "step", 1.0),
-        ("rise", "rise [s]", 1.0),
-        ("overshoot", "overshoot [%]", 100.0),
-        ("settling", "settles [s]", 1.0),
-        ("final_error", "final error", 1.0),
-        ("effort", "effort", 1.0),
-        ("energy", "energy [J]", 1.0),
-    )
-    rows = [["response", "", *(head for _, head, _ in figures)]]
-    for name, own in list(found.items())[:MOST_ROWS]:
-        cells = [_with_error(own, key, factor) for key, _, factor in figures]
-        rows.append([name, f"[{own['unit']}]", *cells])
-    more = f"\n  ... and {len(found) - MOST_ROWS} more in summary.json" if len(found) > MOST_ROWS else ""
-    told = [f"  {key:<18} {text}" for key, text in meanings(Response, ("effort", "energy"))]
-    driven = any("energy" in own for own in found.values())
-    return [table(rows) + more, *(told if driven else ()), ""]
-
-
-def _with_error(of: Mapping[str, Any], key: str, factor: float) -> str:
-    value, error = of.get(key), of["errors"].get(key)
-    if value is None:
-        return "-"
-    return number(value * factor) + ("" if error is None else f" +- {error_text(error * factor)}")
 
 
 def _design_lines(control: Mapping[str, Any]) -> list[str]:
@@ -130,19 +95,3 @@ def pole_text(pole: Mapping[str, Any]) -> str:
     if imaginary:
         return f"{number(real)} +- {number(imaginary)}i" if real else f"+- {number(imaginary)}i"
     return number(real)
-
-
-def _tracking_table(tracking: Mapping[str, Any], saturated: Mapping[str, float]) -> str:
-    """Return the errors of coordinates as a table, those with the largest ones where there are many."""
-    shown = list(tracking)
-    if len(shown) > MOST_ROWS:
-        shown = sorted(sorted(shown, key=lambda name: -tracking[name]["peak"])[:MOST_ROWS], key=shown.index)
-    limited = any(time > 0.0 for time in saturated.values())
-    rows = [["tracking", "largest error", "", "at [s]", "RMS", *(["at its limit [s]"] if limited else [])]]
-    for name in shown:
-        own = tracking[name]
-        row = [name, number(own["peak"], 4), own["unit"], number(own["at"], 5), number(own["rms"], 4)]
-        rows.append([*row, *([number(saturated.get(name), 4)] if limited else [])])
-    more = len(tracking) - len(shown)
-    rest = f"\n  ... and {more} with smaller errors in summary.json" if more else ""
-    return table(rows) + rest

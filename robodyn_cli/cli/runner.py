@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import OF_STATUS, REPLACING, RobodynError, SceneError, StrictError
 from robodyn_cli.record import record
 
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.tools.progress import Stopwatch
 
-# the summary of a result in words: what matters most, or with --verbose all
-Describe = Callable[[Mapping[str, Any], bool], str]
+# the summary of a result in words, and whether all is told (--verbose); of a command with headlines a third argument
+# are the lines with its main figures
+Describe = Callable[..., str]
 
 
 def default_directory(scene: Path | None, command: str) -> Path:
@@ -153,13 +155,21 @@ def show(result: Result, directory: Output, console: Console, describe: Describe
     _show_data(directory, console)
     if not console.for_people:
         return
-    console.say(describe(result.summary, console.verbose))
+    console.say(describe(result.summary, console.verbose, *_figures(result, console)))
     if result.events and console.verbose:
         from robodyn_cli.results.moments import moment_lines
 
         for line in moment_lines(result, width(sys.stdout) or 80):
             console.say(line)
     say_where(directory, console, result.summary)
+
+
+def _figures(result: Result, console: Console) -> Iterator[list[str]]:
+    """Yield the lines with the main figures of a result of a command with headlines."""
+    if COMMANDS[result.command].headlines:
+        from robodyn_cli.cli.figure_words import figure_lines
+
+        yield figure_lines(result, console.verbose)
 
 
 def say_failed(result: Result, console: Console) -> None:

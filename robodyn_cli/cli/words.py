@@ -56,76 +56,7 @@ def _folded(head: str, least: int) -> list[str]:
     return [*textwrap.wrap(name, room, break_on_hyphens=False), *([f"[{unit}"] if unit else [])]
 
 
-# of a table: heading, key of the figure, quantity among the units of its row, digits
-Figures = Sequence[tuple[str, str, str, int]]
-
-
 NOTHING = 1e-12  # of the largest of its peers: less is what rounding leaves of zero
-
-
-def figure_columns(
-    rows: Sequence[Mapping[str, Any]], figures: Figures, errors: Mapping[str, float] | None = None
-) -> list[list[str]]:
-    """Return the columns of figures; units that differ between rows are printed beside each figure.
-
-    errors : stated ones, by key, beside those of each row. What is nothing beside its error, or beside peers of the
-    same unit, is shown as 0; of times that are not known, one.
-    """
-    columns = []
-    for heading, key, quantity, digits in figures:
-        there = [row.get(key) is not None for row in rows]
-        units = [{**row.get("units", {}), "time": "s"}.get(quantity, quantity) for row in rows]
-        own = list(dict.fromkeys(unit for unit, known in zip(units, there) if known) or units[:1])
-        sizes = [abs(row[key]) if isinstance(row.get(key), (int, float)) else 0.0 for row in rows]
-        peers = {unit: max(x for x, u in zip(sizes, units) if u == unit) for unit in units}
-        off = [max((e or {}).get(key) or 0.0 for e in (errors, row.get("errors"))) for row in rows]
-        least = [
-            max(0.0 if quantity == "time" else own_error, NOTHING * peers[unit])
-            for own_error, unit in zip(off, units)
-        ]
-        found = [
-            number(0.0 if 0.0 < size <= nothing else row.get(key), digits)
-            for row, size, nothing in zip(rows, sizes, least)
-        ]
-        if len(own) > 1:
-            with_units = (f"{x} {unit}" if known else x for x, unit, known in zip(found, units, there))
-            columns.append([heading, *with_units])
-        else:
-            columns.append([f"{heading} [{own[0]}]" if own else heading, *found])
-    return columns
-
-
-def meanings(kind: type, keys: Sequence[str]) -> list[tuple[str, str]]:
-    """Return what figures of a record are, as declared."""
-    from robodyn_cli.summaries.keys import fields_at
-
-    declared = fields_at(kind)
-    return [(key, declared[key][1].doc) for key in keys]
-
-
-EXTREMES = (
-    ("smallest", "smallest", "value", 8), ("at", "smallest_time", "time", 6),
-    ("largest", "largest", "value", 8), ("at", "largest_time", "time", 6), ("final", "final", "value", 8),
-)  # fmt: skip
-
-
-def extreme_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return the table of the extremes of columns, where some were asked for."""
-    found = summary.get("extremes")
-    if not found:
-        return []
-    rows = [{**row, "units": {"value": row["unit"]}} for row in found.values()]
-    columns = figure_columns(rows, EXTREMES)
-    for column, (_, key, quantity, digits) in zip(columns, EXTREMES):
-        peers = [k for _, k, own, _ in EXTREMES if own == quantity]
-        column[1:] = [f"{x}{_told_bound(row, key, peers, digits)}" for x, row in zip(column[1:], rows)]
-    return [table(list(zip(["column", *found], *columns)))]
-
-
-def _told_bound(row: Mapping[str, Any], key: str, peers: Sequence[str], digits: int) -> str:
-    """Return the error of a figure where it reaches the digits that are printed of the largest of its peers."""
-    error, size = (row.get("errors") or {}).get(key), max(abs(row[k] or 0.0) for k in peers)
-    return bound_text(error) if error and error > 0.5 * size * 10.0**-digits else ""
 
 
 # of a table by coordinate: heading, values by coordinate, their unit by that of the coordinate, digits
@@ -134,14 +65,36 @@ ByCoordinate = Sequence[tuple[str, Mapping[str, float], UnitOf, int]]
 
 def coordinate_table(units: Mapping[str, str], columns: ByCoordinate) -> str:
     """Return a table of values by coordinate, from the ``units`` of all coordinates."""
-    names = dict.fromkeys(name for _, values, _, _ in columns for name in values)
-    rows = [
-        {"units": {head: unit(units[name]) for head, _, unit, _ in columns}}
-        | {head: values.get(name) for head, values, _, _ in columns}
-        for name in names
-    ]
-    figures = [(head, head, head, digits) for head, _, _, digits in columns]
-    return table(list(zip(["coordinate", *names], *figure_columns(rows, figures))))
+    names = list(dict.fromkeys(name for _, values, _, _ in columns for name in values))
+    shown = [_coordinate_column(names, *column, units) for column in columns]
+    return table(list(zip(["coordinate", *names], *shown)))
+
+
+def _coordinate_column(
+    names: Sequence[str],
+    heading: str,
+    values: Mapping[str, Any],
+    unit_of: UnitOf,
+    digits: int,
+    units: Mapping[str, str],
+) -> list[str]:
+    """Return the heading of a column and its cells; units that differ between rows are printed beside each value.
+
+    What is nothing beside values of the same unit is shown as 0.
+    """
+    own = {name: unit_of(units[name]) for name in names}
+    largest: dict[str, float] = {}
+    for name, x in values.items():
+        if isinstance(x, float):
+            largest[own[name]] = max(abs(x), largest.get(own[name], 0.0))
+    cells = {
+        name: number(0.0 if isinstance(x, float) and abs(x) <= NOTHING * largest[own[name]] else x, digits)
+        for name, x in values.items()
+    }
+    shared = {own[name] for name in values if values[name] is not None} or {*own.values()}
+    if len(shared) == 1:
+        return [f"{heading} [{shared.pop()}]", *(cells.get(name, "-") for name in names)]
+    return [heading, *(f"{cells[name]} {own[name]}" if name in cells else "-" for name in names)]
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
@@ -168,42 +121,6 @@ def error_text(error: float) -> str:
 def bound_text(error: float | None) -> str:
     """Return an error behind its figure, where it is known."""
     return "" if error is None else f" +- {error_text(error)}"
-
-
-def error_lines(summary: Mapping[str, Any], verbose: bool = True) -> list[str]:
-    """Return lines about the errors of an integration; verbose : those of energy and constraints too."""
-    estimate = summary.get("error_estimate")
-    lines = []
-    if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
-        note = ""
-        if estimate.get("at_rounding"):
-            note = " (at rounding)"
-        elif estimate.get("meaningful_until") is not None:
-            note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
-        if estimate.get("q_max") is not None:
-            lines.append(
-                f"  estimated error    q {error_text(estimate['q_max'])}, qd {error_text(estimate['qd_max'])} "
-                f"at the worst sample{note}"
-            )
-        else:
-            lines.append(
-                f"  estimated error    {error_text(estimate['state_max'])} at the worst sample{note}"
-            )
-    elif isinstance(estimate, Mapping) and estimate.get("reason"):
-        lines.append(f"  estimated error    none: {estimate['reason']}")
-    else:
-        lines.append("  estimated error    not asked for")
-    if verbose and summary.get("energy_drift") is not None:
-        balance = summary.get("energy_balance", "energy")
-        lines.append(f"  energy drift       {error_text(summary['energy_drift'])} J ({balance})")
-    residual = summary.get("constraint_residual")
-    if verbose and isinstance(residual, Mapping):
-        # of loops, and of prescribed joints where there are no loops
-        lines.append(
-            f"  constraints        off by {error_text(residual['position'])} m or rad, "
-            f"{error_text(residual['velocity'])} m/s or rad/s at the worst sample"
-        )
-    return lines + multiplier_lines(summary)
 
 
 def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:

@@ -2,47 +2,63 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.summaries.facts import rounded_up
+from robodyn_cli.summaries.rounding import within
 
-MOST_DIGITS = 10  # of a number with its error; more are hard to read
+DIGITS = 6  # of a number whose error is not known
+
+
+@record
+class Figure:
+    """A number of a table, the error that is stated of it, and its unit; None with ``infinite`` is no limit."""
+
+    value: Any
+    error: Any = None
+    unit: str = ""
+    infinite: bool = False
+
+    def __str__(self) -> str:
+        return self.number + (spaced(self.unit) if is_number(self.value) else "")
+
+    @property
+    def number(self) -> str:
+        """The number with its error, without its unit: ``12.28 ± 0.02``."""
+        if not is_number(self.value):
+            absent = "no limit" if self.infinite else "-"
+            return absent if self.value is None else str(self.value)
+        if not is_number(self.error):
+            return f"{self.value + 0.0:.{DIGITS}g}"  # -0.0 is 0
+        (kept,), off = within([float(self.value)], float(self.error))
+        return f"{kept} ± {off}"
 
 
 @record
 class Table:
-    """A table of text; the first column names its rows. meaning : what its columns are, where heads do not say it."""
+    """A table of text and figures; the first column names its rows. told : what its columns are, by their heads, where
+    these do not say it."""
 
     head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    meaning: str = ""
+    rows: Sequence[Sequence[str | Figure]]
+    told: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def meaning(self) -> str:
+        """What the columns are, in a sentence."""
+        return "; ".join(f"{head}: {doc}" for head, doc in self.told.items())
 
 
 def figure(value: Any, error: Any = None, unit: str = "") -> str:
-    """Return a number, its error where one is known, and its unit if it has one: ``12.2829956 ± 5e-13 s``."""
-    if not is_number(value):
-        return "-" if value is None else str(value)
-    if not is_number(error):
-        return f"{value:.6g}{spaced(unit)}"
-    digits = _digits(abs(float(value)), float(error))
-    text = f"{float(f'{value:.{digits}g}'):.{MOST_DIGITS}g}" if digits else "0"
-    off = 0.0 if digits else abs(float(value))  # it is in the error
-    return f"{text} ± {float(f'{rounded_up(float(error) + off, 1):.1g}'):g}{spaced(unit)}"
+    """Return a number, its error where one is known, and its unit if it has one: ``12.2829956 ± 5e-7 s``."""
+    return str(Figure(value, error, unit))
 
 
 def spaced(unit: str) -> str:
     return f" {unit}" if unit not in ("", "1") else ""
-
-
-def _digits(size: float, error: float) -> int:
-    """Return how many digits of a number its error leaves, and one more; none where it is ten times the number."""
-    if size == 0.0 or not error > 0.0:
-        return MOST_DIGITS
-    places = math.ceil(math.log10(size / error))
-    return min(MOST_DIGITS, max(1, 2 + places)) if places > -1 else 0
 
 
 def is_number(value: Any) -> bool:

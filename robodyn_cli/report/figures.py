@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.report.cells import Table, figure, is_number, spaced
+from robodyn_cli.report.cells import Figure, Table, figure, is_number, spaced
 from robodyn_cli.report.control_figures import control_tables, loop_note
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.sampling import is_sparse, sparse_words
@@ -34,11 +35,7 @@ def notes(result: Result) -> list[str]:
     """Return what else is to be known of a result, a sentence each: its lock, its errors, warnings."""
     summary = result.summary
     sentences = [*_lock(summary), *loop_note(summary)]
-    sentences += [
-        f"{one.words} {rounded_up(one.value):.2g}{spaced(one.statement.unit_in(result))}"
-        for one in stated(summary)
-        if one.statement.is_main
-    ]
+    sentences += errors(result)
     estimate = summary.get("error_estimate")
     if isinstance(estimate, Mapping) and estimate.get("reason"):
         sentences.append(f"no error estimate: {estimate['reason']}")
@@ -46,6 +43,15 @@ def notes(result: Result) -> list[str]:
         sentences.append(f"failed: {_at(summary, 'termination', 'reason')}")
     sparse = [f"{sparse_words(result)}: plots draw dots there"] if is_sparse(result) else []
     return [*sentences, *(f"warning: {text}" for text in [*summary.get("warnings", ()), *sparse])]
+
+
+def errors(result: Result, all_of_them: bool = False) -> list[str]:
+    """Return the errors and residuals that a result states in words, each with its unit; the main ones, or all."""
+    return [
+        f"{one.words} {rounded_up(one.value):.2g}{spaced(one.statement.unit_in(result))}"
+        for one in stated(result.summary)
+        if one.statement.is_main or all_of_them
+    ]
 
 
 def _at(summary: Any, *keys: str) -> Any:
@@ -63,36 +69,60 @@ def _lock(summary: Summary) -> list[str]:
     return [f"locked at t = {figure(lock.get('time'), lock.get('time_error'), 's')}: {kind}"]
 
 
+def headlines(result: Result) -> list[Table]:
+    """Return those of the main figures that a result is told by where there is room for few, as its command declares
+    them."""
+    if result.command not in COMMANDS:
+        return []
+    leads = COMMANDS[result.command].headlines
+    return _tables(
+        result, {steps: leaf for steps, leaf in _columns(result.command).items() if ".".join(steps) in leads}
+    )
+
+
+@functools.cache
+def _columns(command: str) -> Mapping[tuple[str, ...], Leaf]:
+    """Return the figures of a command that have a heading, those first that its results are told by."""
+    leads = {key: k for k, key in enumerate(COMMANDS[command].headlines)}
+    headed = {steps: leaf for steps, leaf in leaves_of(command) if leaf.fact.column}
+    return {x: headed[x] for x in sorted(headed, key=lambda x: leads.get(".".join(x), len(leads)))}
+
+
+def declared(result: Result) -> list[Table]:
+    """Return the tables of all figures that have a heading, those first that the result is told by."""
+    return _tables(result, _columns(result.command)) if result.command in COMMANDS else []
+
+
 def _declared(result: Result, summary: Summary) -> list[Table]:
-    """Return the tables of the figures that have a column, one for each kind of names (joints, points)."""
-    # the last state has a table of its own
-    columns = {
-        steps: leaf
-        for steps, leaf in leaves_of(result.command)
-        if leaf.fact.column and _named(steps) and steps[0] != "final"
-    }
-    coordinates = _coordinates(result)
-    listed = []
-    for kind in dict.fromkeys(map(_kind, columns)):
-        own = {
-            steps: leaf
-            for steps, leaf in columns.items()
-            if _kind(steps) == kind and _at(summary, *steps[: _named(steps)])
-        }
-        first = next(iter(own), ())
-        names = list(_at(summary, *first[: _named(first)])) if own else []
-        rows = [
+    return [*declared(result), *_drives(summary)]
+
+
+def _tables(result: Result, columns: Mapping[tuple[str, ...], Leaf]) -> list[Table]:
+    """Return a table of single figures, and one for each kind of names (joints, points), of those that there are."""
+    summary, coordinates = result.summary, _coordinates(result)
+    single: list[list[str | Figure]] = [
+        [leaf.fact.column, _cell(summary, steps, leaf, "", coordinates)]
+        for steps, leaf in columns.items()
+        if not _named(steps) and _at(summary, *steps) is not None
+    ]
+    groups: dict[Any, dict[tuple[str, ...], Leaf]] = {}
+    for steps, leaf in columns.items():
+        if (k := _named(steps)) and (names := _at(summary, *steps[:k])):
+            groups.setdefault((_kind(steps), tuple(names)), {})[steps] = leaf
+    listed = [Table(("", ""), single)]
+    for (kind, names), own in groups.items():
+        rows: list[list[str | Figure]] = [
             [name, *(_cell(summary, *column, name, coordinates) for column in own.items())] for name in names
         ]
         head = (kind[-1].lower(), *(leaf.fact.column for leaf in own.values()))
-        listed.append(Table(head, rows, meaning_of([leaf.fact for leaf in own.values()])))
-    return [*listed, *_drives(summary)]
+        listed.append(Table(head, rows, meanings_of([leaf.fact for leaf in own.values()])))
+    return [table for table in listed if table.rows]
 
 
-def meaning_of(columns: Sequence[Fact]) -> str:
-    """Return what columns are, as declared; nothing of those whose heads say it."""
+def meanings_of(columns: Sequence[Fact]) -> dict[str, str]:
+    """Return what columns are by their heads, as declared; nothing of those whose heads say it."""
     told = {fact.column: fact.doc.partition("; `null`")[0] for fact in columns}
-    return "; ".join(f"{head}: {doc}" for head, doc in told.items() if head not in doc and head != WHEN)
+    return {head: doc for head, doc in told.items() if head not in doc and head != WHEN}
 
 
 def _named(steps: Sequence[str]) -> int:
@@ -103,27 +133,26 @@ def _named(steps: Sequence[str]) -> int:
 def _kind(steps: tuple[str, ...]) -> tuple[str, ...]:
     """Return what the columns of one table share: the kind of their names, below a section where they lie too."""
     k = _named(steps)
-    return steps[k : k + 1] if k == 1 else steps[: k + 1]
+    if k == 1:
+        return steps[k : k + 1]
+    return steps[: k + 1] if steps[k + 1 :] else (*steps[: k - 1], steps[k])
 
 
 def _cell(
     summary: Summary, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
-) -> str:
-    """Return a figure of a joint, a point or a column, with its error and unit as its declaration says."""
-    k = _named(steps)
-    own, beside = dataclasses.replace(leaf, names=(name,)), (*steps[:k], name, *steps[k + 1 : -1])
+) -> Figure:
+    """Return a figure, of a joint, a point or a column if it has a name, with its error and unit as declared."""
+    place = tuple(name if step.isupper() else step for step in steps)
+    own = dataclasses.replace(leaf, names=(name,), key=".".join(steps))
     error = _larger(
         *(
-            _at(summary, *beside, *key[1:].split("."))
+            _at(summary, *place[:-1], *key[1:].split("."))
             if key.startswith(".")
             else _at(summary, *named.split("."))
             for key, named in zip(leaf.fact.errors, own.errors)
         )
     )
-    value = _at(summary, *steps[:k], name, *steps[k + 1 :])
-    if value is None and leaf.fact.infinite:
-        return "no limit"
-    return figure(value, error, own.unit(coordinates))
+    return Figure(_at(summary, *place), error, own.unit(coordinates), leaf.fact.infinite)
 
 
 def _coordinates(result: Result) -> dict[str, str]:
@@ -159,12 +188,6 @@ def shown_errors(result: Result) -> Callable[[str], Sequence[str]]:
     return errors_of
 
 
-def _error_of(result: Result, *steps: str) -> float | None:
-    """Return the error of a figure, where its declaration says."""
-    leaf = leaf_of(result.command, ".".join(steps))
-    return _larger(*(_at(result.summary, *key.split(".")) for key in leaf.errors)) if leaf else None
-
-
 def _larger(*errors: Any) -> float | None:
     """Return the largest error of those that are known."""
     return max((x for x in errors if is_number(x)), default=None)
@@ -193,29 +216,6 @@ def _drives(summary: Summary) -> list[Table]:
 
 def _percent(part: float, error: float | None) -> str:
     return figure(100.0 * part, None if error is None else 100.0 * error, "%")
-
-
-def _motion(result: Result, summary: Summary) -> list[Table]:
-    """Return the last state, with the error of the end."""
-    final = summary.get("final")
-    if not isinstance(final, Mapping):
-        return []
-    units = {key: _units(result, key) for key in ("q", "qd")}
-    when = f"at {figure(final.get('time'))} s"
-    cells = {
-        key: {
-            name: figure(value, _error_of(result, "final", key, name), units[key].get(name, ""))
-            for name, value in final[key].items()
-        }
-        for key in ("q", "qd")
-    }
-    if list(cells["q"]) == list(cells["qd"]):
-        rows = [[name, q, cells["qd"][name]] for name, q in cells["q"].items()]
-        return [Table(("joint", f"q {when}", f"qd {when}"), rows), *_declared(result, summary)]
-    # joints whose velocities are no rates of their coordinates: balls, floating bodies
-    return [Table(("", f"{key} {when}"), list(cells[key].items())) for key in ("q", "qd")] + _declared(
-        result, summary
-    )
 
 
 def _units(result: Result, path: str) -> dict[str, str]:
@@ -326,8 +326,6 @@ def _off(error: float | None) -> str:
 
 # tables that are more than the columns of their records
 TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {
-    "simulate": _motion,
-    "deploy": _motion,
     "sweep": _study,
     "optimise": _search,
     "sensitivity": _slopes,

@@ -7,7 +7,7 @@ import functools
 import html
 import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.cells import Table
@@ -81,7 +81,7 @@ def _table(table: Table) -> str:
     return f"<table><thead>{_row(table.head, 'th')}</thead><tbody>{rows}</tbody></table>{foot}"
 
 
-def _row(cells: Sequence[str], kind: str) -> str:
-    first, *others = (html.escape(typeset(cell)) for cell in cells)
+def _row(cells: Sequence[Any], kind: str) -> str:
+    first, *others = (html.escape(typeset(str(cell))) for cell in cells)
     right = "".join(f'<{kind} style="text-align:right;{PADDING}">{cell}</{kind}>' for cell in others)
     return f'<tr><th style="text-align:left;{PADDING}">{first}</th>{right}</tr>'

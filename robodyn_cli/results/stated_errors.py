@@ -106,20 +106,20 @@ STATEMENTS = (
     Statement(("error_estimate", "rms_quadrature"), "RMS torques with every second sample", ("tau",)),
     Statement(
         ("constraint_residual", "position"),
-        "loops off by",
+        "constraints off by",
         (*POSES, "constraints"),
         "constraints/position_residual",
         True,
     ),
     Statement(
         ("constraint_residual", "velocity"),
-        "velocities of the loops off by",
+        "velocities of the constraints off by",
         (*RATES, "constraints"),
         "constraints/velocity_residual",
     ),
     Statement(
         ("constraint_residual", "redundant"),
-        "loop rows that were left out off by",
+        "constraint rows that were left out off by",
         ("constraints",),
     ),
     Statement(("error_estimate", "closure", "position"), "loops off by", POSES, is_main=True),

@@ -100,6 +100,7 @@ class ControlSummary:
         "time at the limit, of joints that have one; of a sampled controller where `control.energy` is known",
         "s",
         errors=("control.saturated_error.JOINT",),
+        column="at its limit",
     )
     saturated_error: dict[str, float] | Absent = fact("errors of these times", "s")
     energy: DrivenWork | Absent = fact(

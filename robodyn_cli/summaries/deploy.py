@@ -138,13 +138,16 @@ class LatchKeys:
         "of each constraint row", "N s or N m s", names=ROW, errors=("lock.latch.errors.impulse",)
     )
     angular_impulse: float = fact(
-        "of the latch on the second link", "N m s", errors=(".errors.angular_impulse",)
-    )
+        "of the latch on the second link",
+        "N m s", errors=(".errors.angular_impulse",), column="angular impulse",
+    )  # fmt: skip
     angular_impulse_vector: list[float] = fact(
         "of the latch on the second link, base axes", "N m s", errors=("lock.latch.errors.angular_impulse",)
     )
     linear_impulse: float = fact("of the latch on the second link", "N s", errors=(".errors.linear_impulse",))
-    energy_lost: float = fact("that the impact cost", "J", errors=(".errors.energy_lost",))
+    energy_lost: float = fact(
+        "that the impact cost", "J", errors=(".errors.energy_lost",), column="energy lost"
+    )
     errors: ImpactErrors = fact("errors of these figures")
 
 
@@ -161,7 +164,7 @@ class LockErrors:
 class LockKeys:
     """The lock; what is said of multipliers is null in an open chain."""
 
-    time: float = fact("time of the lock", "s", errors=("lock.time_error",))
+    time: float = fact("time of the lock", "s", errors=("lock.time_error",), column="time")
     time_error: float | None = fact("estimated error of the time", "s")
     time_error_method: str = fact("how the error was estimated, in words")
     angles: dict[str, float] = fact("positions at the lock", OWN, errors=("lock.errors.angles",))

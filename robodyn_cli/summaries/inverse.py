@@ -43,7 +43,9 @@ class JointFigures:
         errors=(ROUNDING, ".errors.peak_torque"),
         column="peak torque",
     )
-    peak_torque_time: float = fact("when the torque is largest", "s", errors=(".errors.peak_torque_time",))
+    peak_torque_time: float = fact(
+        "when the torque is largest", "s", errors=(".errors.peak_torque_time",), column="at"
+    )
     rms_torque: float = fact(
         "root of the time average of the squared torque",
         LOAD, errors=(ROUNDING, ".errors.rms_torque"), column="RMS torque",
@@ -107,7 +109,7 @@ class LoadedMechanism:
 class FastestFigures:
     """Figures of a motion in the least time."""
 
-    duration: float = fact("the least time", "s", errors=("fastest.duration_error",))
+    duration: float = fact("the least time", "s", errors=("fastest.duration_error",), column="least time")
     duration_error: float = fact("change of the duration between the last two grids, continued", "s")
     largest_use: float = fact(
         "check of the limits: how much of any the samples use at most; 1 on it", errors=None
@@ -202,8 +204,8 @@ class Sizing:
 
     by: str = fact("what is to be small: `cost` or `mass`")
     proven: bool = fact("whether no other combination that bears all motions is cheaper (lighter)")
-    cost: float = fact("of all drives, in the currency of the catalogue")
-    mass: float = fact("of all drives", "kg")
+    cost: float = fact("of all drives, in the currency of the catalogue", column="cost")
+    mass: float = fact("of all drives", "kg", column="mass")
     sweeps: int = fact("over all joints, until the choice stayed as it was")
     margin_difference: float = fact(
         "largest difference between margins of the search and those of `inverse` with the chosen drives"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
+import re
 import types
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -168,6 +169,19 @@ def _below(kind: Any, fact: Fact) -> Iterator[tuple[tuple[str, ...], Leaf]]:
     else:
         for one in inner:
             yield from _below(one, fact)
+
+
+def headline_rank(command: str, key: str) -> int:
+    """Return the place of a key among the headlines of a command, their number where it is none of them."""
+    ways = _headlines(command)
+    return next((k for k, way in enumerate(ways) if way.fullmatch(key)), len(ways))
+
+
+@functools.cache
+def _headlines(command: str) -> Sequence[re.Pattern[str]]:
+    keys = COMMANDS[command].headlines if command in COMMANDS else ()
+    steps = (["(.+)" if step.isupper() else re.escape(step) for step in key.split(".")] for key in keys)
+    return [re.compile(r"\.".join(one)) for one in steps]
 
 
 NO_NAMES: Names = {}

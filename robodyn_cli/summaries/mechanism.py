@@ -107,6 +107,7 @@ class SingularRatio:
     smallest: float = fact(
         "smallest ratio of singular values: of the passive block of Psi, over the largest of Psi",
         errors=(".smallest_error",),
+        column="singular ratio",
     )
     smallest_error: float = fact("error of the smallest ratio")
     time: float = fact("when it is smallest", "s", errors=(".time_error",))
@@ -127,9 +128,13 @@ class TransmissionErrors:
 class TransmissionAngle:
     """Extremes of the transmission angle."""
 
-    smallest_deg: float = fact("smallest angle", "deg", errors=(".errors.smallest_deg",))
+    smallest_deg: float = fact(
+        "smallest angle", "deg", errors=(".errors.smallest_deg",), column="transmission from"
+    )
     smallest_time: float = fact("when it is smallest", "s", errors=(".errors.smallest_time",))
-    largest_deg: float = fact("largest angle", "deg", errors=(".errors.largest_deg",))
+    largest_deg: float = fact(
+        "largest angle", "deg", errors=(".errors.largest_deg",), column="transmission to"
+    )
     largest_time: float = fact("when it is largest", "s", errors=(".errors.largest_time",))
     errors: TransmissionErrors = fact("errors of these figures")
 

@@ -298,11 +298,14 @@ class FinalState:
 
     time: float = fact("of the last state", "s", errors=("lock.time_error",))
     q: dict[str, float] = fact(
-        "position at the end", OWN, errors=("error_estimate.q_end", "lock.errors.angles"), column="q"
+        "position at the end",
+        OWN,
+        errors=("error_estimate.q_end", "lock.errors.angles"),
+        column="q at the end",
     )
     qd: dict[str, float] = fact(
         "rate at the end; of none where a motion is driven into a dead point",
-        RATE, errors=("error_estimate.qd_end", "lock.errors.rates"), column="qd",
+        RATE, errors=("error_estimate.qd_end", "lock.errors.rates"), column="qd at the end",
     )  # fmt: skip
 
 

@@ -15,7 +15,15 @@ import pytest
 
 from robodyn_cli.cli import console, progress_line
 from robodyn_cli.cli.console import fitted
+from robodyn_cli.cli.figure_words import figure_lines
 from robodyn_cli.cli.words import table
+from robodyn_cli.commands import places
+from robodyn_cli.registry import Registry
+from robodyn_cli.report.cells import Figure
+from robodyn_cli.report.figures import declared, headlines
+from robodyn_cli.report.page.tables import main_figures, typeset
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import load_scene
 from tests.cli.batch_scenes import arm
 from tests.cli.tool import COMMAND, CONFIGS, ROOT, invoke
 
@@ -128,11 +136,11 @@ def test_no_line_is_wider_than_the_terminal(command: str, width: int, tmp_path: 
 
 
 SHORT = {
-    "simulate": ("double_pendulum", "estimated error", "energy drift"),
-    "inverse": ("2r_circle", "rounding", "round trip error"),
+    "simulate": ("double_pendulum", "errors", "cost"),
+    "inverse": ("2r_circle", "errors", "peak power"),
     "deploy": ("four_bar_deploy", "locked", "criteria"),
     "statics": ("mechanisms/balanced_four_bar", "balanced", "mobility"),
-    "kinematics": ("mechanisms/four_bar_kinematics", "closure", "mobility"),
+    "kinematics": ("mechanisms/four_bar_kinematics", "singular ratio", "mobility"),
 }
 
 
@@ -158,14 +166,28 @@ def test_times_have_two_digits_up_to_ten_seconds() -> None:
 
 
 def test_joints_that_are_left_out_are_counted() -> None:
-    from robodyn_cli.cli.commands.inverse import describe
-
     units = {"torque": "N m", "speed": "rad/s", "power": "W", "energy": "J"}
     figures = dict.fromkeys(("peak_torque_time", "rms_torque", "peak_speed", "peak_power", "energy"), 1.0)
     joints = {f"j{k}": {**figures, "peak_torque": float(k % 7), "units": units} for k in range(30)}
-    short = describe({"title": "", "joints": joints}, False)
-    assert "... and 18 joints with smaller torques" in short and "j6 " in short and "j7 " not in short
-    assert "j7 " in describe({"title": "", "joints": joints}, True)
+    result = Result("inverse", "", "ok", "", summary={"joints": joints})
+    short, whole = ("\n".join(figure_lines(result, verbose)) for verbose in (False, True))
+    assert "... and 18 more with smaller peak torque" in short and "j6 " in short and "j7 " not in short
+    assert "j7 " in whole and "peak power" in whole and "peak power" not in short
+
+
+@pytest.mark.parametrize("scene", ["inverse 2r_drives", "simulate controlled_arm", "deploy four_bar_deploy"])
+def test_the_terminal_and_the_page_have_the_same_figures(scene: str) -> None:
+    """Short ones are headlines alone; each figure is rounded in one place."""
+    command, name = scene.split()
+    result = Registry("robodyn_cli", places("run"))[command](load_scene(CONFIGS / f"{name}.yaml"))
+    short, whole = ("\n".join(figure_lines(result, verbose)) for verbose in (False, True))
+    page = str(main_figures(result))
+    leads, listed = headlines(result), declared(result)
+    assert leads and sum(len(one.rows[0]) for one in leads) < sum(len(one.rows[0]) for one in listed)
+    for one, words in [(one, short) for one in leads] + [(one, whole) for one in listed]:
+        for cell in (cell for row in one.rows for cell in row if isinstance(cell, Figure)):
+            assert cell.number.replace("±", "+-") in words and typeset(str(cell)) in page
+    assert "+-" in short
 
 
 def test_where_there_is_no_terminal_a_line_a_minute_tells_how_far_it_is(

@@ -310,15 +310,18 @@ def figures(command: str) -> list[str]:
     summary = result(command).summary
     if command == "inverse":
         joints = summary["joints"].values()
-        return [f"{j[key]:.6g}" for j in joints for key in ("peak_torque", "rms_torque")]
+        return [f" {j[key]:.8f}" for j in joints for key in ("peak_torque", "rms_torque")]
     if command == "simulate":
         return []  # nothing but errors; the end of the motion is compared below
     lock, growth = summary["lock"], summary["criteria"]["growth_times"]
     found = [f"{x:.5f} deg" for x in lock["angles_deg"].values()]
     found += [f"{k}x at {t:.3f} s" for k, t in growth.items()]
-    found += [f"t = {lock['time']:.9g}", f"{lock['multipliers']['start']:.5g} N"]
-    found += [f"{lock['multipliers']['at_lock']:.6g} N", f"energy lost {lock['latch']['energy_lost']:.8g} J"]
-    return [*found, f"angular impulse {lock['latch']['angular_impulse']:.6g} N m s"]
+    found += [f"time               {lock['time']:.10f}", f"{lock['multipliers']['start']:.5g} N"]
+    found += [
+        f"{lock['multipliers']['at_lock']:.6g} N",
+        f"energy lost        {lock['latch']['energy_lost']:.9f}",
+    ]
+    return [*found, f"angular impulse    {lock['latch']['angular_impulse']:.9f}"]
 
 
 @pytest.mark.parametrize("command", RUNS)

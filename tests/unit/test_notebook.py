@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -95,24 +96,27 @@ def test_the_error_of_a_figure_stands_beside_it() -> None:
     result = simulate(load_scene(CONFIGS / "double_pendulum.yaml"))
     (table,) = tables(result)
     error = result.summary["error_estimate"]["q_end"]
-    value, bound, unit = re.fullmatch(r"(\S+) ± (\S+) (\S+)", table.rows[0][1]).groups()
+    value, bound, unit = re.fullmatch(r"(\S+) ± (\S+) (\S+)", str(table.rows[0][1])).groups()
     assert float(value) == pytest.approx(result["q"][-1, 0], rel=1e-9)
     assert error <= float(bound) <= 2.0 * error and unit == "rad"
     assert any(text.startswith("largest error of q ") for text in notes(result))
     without = simulate(load_scene(CONFIGS / "double_pendulum.yaml", ["simulate.error_estimate=false"]))
-    assert "±" not in tables(without)[0].rows[0][1]
+    assert "±" not in str(tables(without)[0].rows[0][1])
     locked = deploy(load_scene(CONFIGS / "four_bar_deploy.yaml"))
-    assert re.match(r"locked at t = 12\.28299561 ± \S+e-1\d s: dead point", notes(locked)[0])
+    assert re.match(r"locked at t = 12\.28299560963\d* ± \S+e-1\d s: dead point", notes(locked)[0])
 
 
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
     [
-        (12.28299560963, 2e-13, "12.28299561 ± 2e-13 m"),
-        (12.28299560963, 0.03, "12.283 ± 0.03 m"),
-        (12.28299560963, 0.0301, "12.283 ± 0.04 m"),
-        (0.0802284, 0.05, "0.0802 ± 0.05 m"),
-        (168.4, 30.0, "168 ± 30 m"),
+        (12.28299560963, 2e-13, "12.2829956096300 ± 2e-13 m"),
+        (12.28299560963, 0.03, "12.28 ± 0.04 m"),
+        (12.28299560963, 0.0301, "12.28 ± 0.04 m"),
+        (0.0802284, 0.05, "0.08 ± 0.06 m"),
+        (168.4, 30.0, "170 ± 40 m"),
+        (2.5e-9, 3e-11, "2.50e-09 ± 3e-11 m"),
+        (0.1 + 0.2, 0.0, "0.3 ± 0 m"),
+        (1.5, math.nan, "1.5 m"),
         (-4.01557e-14, 8.7e-12, "0 ± 9e-12 m"),
         (4e-13, 8.7e-12, "0 ± 1e-11 m"),
         (1.0, None, "1 m"),
@@ -173,7 +177,7 @@ ASKED: dict[str, Any] = {
 }
 # what a row of each says: a value with its error
 ROWS = {
-    "optimise": ("forces.spring.stiffness", r"122\.625 ± \S+e-\d+ N/m"),
+    "optimise": ("forces.spring.stiffness", r"122\.62\d+ ± \S+e-\d+ N/m"),
     "sensitivity": ("robot.links.link2.mass", r"9\.9428789\d* ± \S+e-\d+ N m/kg"),
     "linearise": ("0 ± 2.6271i 1/s", r"\S+e-1\d 1/s"),
     "crosscheck": ("tau", r"\S+e-\d+"),
@@ -195,7 +199,7 @@ def test_tables_say_what_their_columns_are() -> None:
     result = inverse(load_scene(CONFIGS / "2r_circle.yaml"))
     (table,) = tables(result)
     told = dict(part.split(": ", 1) for part in table.meaning.split("; "))
-    assert set(told) == set(table.head[1:])
+    assert set(told) == set(table.head[1:]) - {"at"}
     assert told["energy"].startswith("integral of the positive mechanical power")
     assert table.meaning in Page(result._repr_html_()).text and f"{table.meaning}." in str(
         main_figures(result)

@@ -376,6 +376,15 @@ def test_matrices_and_maps_alike_stand_side_by_side() -> None:
     assert '<th scope="row">a</th><td class="number">1</td><td class="number">3</td>' in text
 
 
+DUTY = {
+    **dict.fromkeys(("motor", "gear", "brake")),
+    "count": 1,
+    "shaft": {"rms_torque": 1.0},
+    "margin": 0.1,
+    "decides": "peak",
+}
+
+
 @pytest.mark.parametrize(
     "status, summary, words, alarming",
     [
@@ -383,7 +392,7 @@ def test_matrices_and_maps_alike_stand_side_by_side() -> None:
         ("ok", {"stability": "unstable"}, ["ok", "unstable"], ["unstable"]),
         ("ok", {"stability": "unstable", "closed_loop": {"stability": "stable", "about": "x", "poles": []}},
          ["ok", "unstable without control", "stable with the controller"], []),
-        ("undersized", {"drives": {"a": {"passes": False}, "b": {"passes": True}}},
+        ("undersized", {"drives": {"a": {"passes": False, **DUTY}, "b": {"passes": True, **DUTY}}},
          ["undersized", "drive too small: a"], ["undersized", "drive too small: a"]),
         ("ok", {"motorisation": {"a": {"met": True}}}, ["ok", "margins of motorisation suffice"], []),
         ("ok", {"error_estimate": {"meaningful_until": 4.25}}, ["ok", "not meaningful after 4.25 s"],

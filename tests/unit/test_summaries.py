@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import robodyn_cli
-from robodyn_cli.cli.words import figure_columns
+from robodyn_cli.cli.words import coordinate_table
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.many.command import error_of
@@ -23,8 +23,17 @@ from robodyn_cli.results.stated_errors import STATEMENTS
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.summaries import keys
-from robodyn_cli.summaries.facts import Fact, Termination, UnitOf, rounded_up
-from robodyn_cli.summaries.keys import EVERY_RUN, SHORT, _written, fields_at, leaf_of, leaves_of, refusal
+from robodyn_cli.summaries.facts import LOAD, RATE, Fact, Termination, UnitOf, rounded_up
+from robodyn_cli.summaries.keys import (
+    EVERY_RUN,
+    SHORT,
+    _written,
+    fields_at,
+    headline_rank,
+    leaf_of,
+    leaves_of,
+    refusal,
+)
 from robodyn_cli.summaries.loops import LoopErrors, LoopMargins
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
@@ -322,13 +331,17 @@ def test_every_printed_error_is_rounded_up() -> None:
     assert not wrong
 
 
-def test_figures_below_their_errors_are_zero_on_the_terminal() -> None:
-    rows = [{"torque": 7.4, "units": {"t": "N m"}}, {"torque": -1.2e-18, "units": {"t": "N m"}}]
-    figures = [("torque", "torque", "t", 6)]
-    assert figure_columns(rows, figures) == [["torque [N m]", "7.4", "0"]]
-    alone = [{"torque": 5e-17, "units": {"t": "N m"}}, {"torque": None, "units": {"t": "N m"}}]
-    assert figure_columns(alone, figures) == [["torque [N m]", "5e-17", "-"]]
-    assert figure_columns(alone, figures, {"torque": 1e-16}) == [["torque [N m]", "0", "-"]]
+def test_what_is_nothing_beside_its_peers_is_zero_on_the_terminal() -> None:
+    units = {"a": "rad", "b": "rad", "c": "m"}
+    told = coordinate_table(units, [("torque", {"a": 7.4, "b": -1.2e-18, "c": 5e-17}, LOAD, 6)])
+    assert [line.split()[1:] for line in told.splitlines()[1:]] == [
+        ["7.4", "N", "m"],
+        ["0", "N", "m"],
+        ["5e-17", "N"],
+    ]
+    alone = coordinate_table(units, [("torque", {"a": 5e-17}, LOAD, 6), ("rate", {"b": 1.0}, RATE, 6)])
+    assert [line.split() for line in alone.splitlines()[1:]] == [["a", "5e-17", "-"], ["b", "-", "1"]]
+    assert alone.splitlines()[0].split("  ")[-2:] == ["torque [N m]", "rate [rad/s]"]
 
 
 def test_numbers_of_a_summary_are_those_of_python() -> None:
@@ -338,3 +351,18 @@ def test_numbers_of_a_summary_are_those_of_python() -> None:
     assert {type(x) for x in (*told["errors"].values(), *list(told.values())[:-1])} == {float}
     spread = as_keys(Termination("end", np.float64(2.0)))
     assert repr(spread) == "{'reason': 'end', 'time': 2.0}"
+
+
+HEADED = [name for name, command in COMMANDS.items() if command.headlines]
+
+
+@pytest.mark.parametrize("command", HEADED)
+def test_headlines_are_figures_with_words_and_an_error(command: str) -> None:
+    """Only costs and masses of a catalogue are exact."""
+    leaves = {".".join(steps): leaf for steps, leaf in leaves_of(command)}
+    for k, key in enumerate(COMMANDS[command].headlines):
+        leaf = leaves[key]
+        assert leaf.fact.column, key
+        assert leaf.fact.errors or command == "size" or key.endswith(".step"), key
+        assert headline_rank(command, re.sub("[A-Z]{2,}", "a.b", key)) == k
+    assert headline_rank(command, "no.such.key") == len(COMMANDS[command].headlines)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.latch_words import latch_lines, open_lines, payload_lines
@@ -12,24 +12,24 @@ from robodyn_cli.cli.words import (
     balance_lines,
     bound_text,
     cost_lines,
-    error_lines,
-    extreme_lines,
     motorisation_lines,
+    multiplier_lines,
     number,
 )
 
 
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of a deployment."""
     lock = summary.get("lock")
     criteria = summary.get("criteria", {})
     lines = [f"{summary['title']}"]
     if "locks" in summary:
-        lines += _latches(summary, verbose)
+        lines += [*_latches(summary, verbose), *figures, *_after_lock(summary)]
     elif lock:
-        bound = bound_text(lock.get("time_error"))
-        verb = "overload" if lock["kind"] == "overload" else "locked"
-        lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
+        verb, kind = (
+            ("overload", "") if lock["kind"] == "overload" else ("locked", lock["kind"].replace("_", " "))
+        )
+        lines += [f"  {verb:<18} {kind}".rstrip(), *figures]
         angles = [f"{n} {round(x, 5) + 0.0:.5f} deg" for n, x in lock["angles_deg"].items()]
         lengths = [f"{n} {x:.6g}" for n, x in lock["angles"].items() if n not in lock["angles_deg"]]
         if verbose:
@@ -38,15 +38,9 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         if verbose and (m := lock["multipliers"]):
             last = "diverging" if m["diverge"] else f"{m['at_lock']:.6g} N at the last sample, finite"
             lines.append(f"  multipliers        {m['start']:.5g} N at the start, {last}")
-        latch = lock.get("latch")
-        if latch:
-            lines.append(
-                f"  latch              energy lost {latch['energy_lost']:.8g} J, angular impulse "
-                f"{latch['angular_impulse']:.6g} N m s"
-            )
         lines += _after_lock(summary)
     else:
-        lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
+        lines += [f"  no lock            within {number(summary['termination'].get('time'))} s", *figures]
     if verbose and (growth := criteria.get("growth_times", {})):
         fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
         dead = criteria.get("dead_point")
@@ -55,10 +49,9 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [
         *payload_lines(summary),
-        *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
-        *error_lines(summary, verbose),
+        *multiplier_lines(summary),
         *cost_lines(summary, verbose),
     ]
     return "\n".join(lines)
@@ -75,7 +68,7 @@ def _latches(summary: Mapping[str, Any], verbose: bool) -> list[str]:
         end, why = f"{number(lock['time'], 9)}{bound_text(lock.get('time_error'))} s", f"{why}{later}"
     lines = [f"  {verb:<18} t = {end}  ({why})"]
     whole = verbose or status != "locked"
-    return [*lines, *(latch_lines(summary) if whole else open_lines(summary)), *_after_lock(summary)]
+    return [*lines, *(latch_lines(summary) if whole else open_lines(summary))]
 
 
 def _after_lock(summary: Mapping[str, Any]) -> list[str]:

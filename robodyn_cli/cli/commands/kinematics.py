@@ -2,67 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     bound_text,
-    closure_text,
     error_text,
-    extreme_lines,
-    figure_columns,
     mobility_lines,
     motorisation_lines,
     number,
-    table,
-)
-
-JOINT_FIGURES = (
-    ("smallest", "smallest", "position", 6),
-    ("largest", "largest", "position", 6),
-    ("peak speed", "peak_speed", "speed", 6),
-    ("peak acceleration", "peak_acceleration", "acceleration", 6),
-)
-POINT_FIGURES = (
-    ("path length", "path_length", "m", 6),
-    ("peak speed", "peak_speed", "m/s", 6),
-    ("peak acceleration", "peak_acceleration", "m/s^2", 6),
 )
 
 
-# figures, and what of the loops tells their errors
-OFF = {"peak_speed": "velocity", "peak_acceleration": "acceleration"}
-
-
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of a kinematic analysis."""
     lines = [
         f"{summary['title']}",
         f"  moved              {number(summary['termination'].get('time'))} s, {summary['samples']} samples",
     ]
-    closure = summary.get("error_estimate", {}).get("closure") or {}
-    errors = {figure: closure[key] for figure, key in OFF.items() if key in closure}
-    for word, key, figures in (("joint", "joints", JOINT_FIGURES), ("point", "points", POINT_FIGURES)):
-        if found := summary.get(key):
-            lines.append(
-                table(list(zip([word, *found], *figure_columns(list(found.values()), figures, errors))))
-            )
-    lines += extreme_lines(summary)
+    lines += figures
     lines += mobility_lines(summary) if verbose else []
-    ratio = summary.get("singular_ratio")
-    if ratio:
-        lines.append(f"  nearest dead point ratio {ratio['smallest']:.3g} at t = {number(ratio['time'])} s")
-    angle = summary.get("transmission_angle")
-    if angle:
-        lines.append(
-            f"  transmission       {number(angle['smallest_deg'], 5)} to {number(angle['largest_deg'], 5)} deg"
-        )
     lines += _design_lines(summary)
     lines += motorisation_lines(summary)
-    if closure:
-        lines.append("  closure            " + closure_text(closure))
     return "\n".join(lines)
 
 

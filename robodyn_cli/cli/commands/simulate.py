@@ -13,9 +13,8 @@ from robodyn_cli.cli.words import (
     balance_lines,
     cost_lines,
     drive_lines,
-    error_lines,
-    extreme_lines,
     motorisation_lines,
+    multiplier_lines,
     number,
 )
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
 
 
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of a simulation."""
     given = ", ".join(f"{k} {v:.4g}" for k, v in summary.get("tolerances", {}).items())
     tolerances = f" ({given})" if verbose else ""
@@ -32,11 +31,11 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         f"{summary['title']}",
         f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "
         f"{summary['integrator']}{tolerances}",
-        *error_lines(summary, verbose),
+        *figures,
+        *multiplier_lines(summary),
         *_of_controller(summary, verbose),
         *drive_lines(summary),
         *_happenings(summary),
-        *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
         *cost_lines(summary, verbose),
@@ -48,9 +47,9 @@ def _of_controller(summary: Mapping[str, Any], verbose: bool) -> list[str]:
     """Return lines about the controller, where there is one."""
     if "control" not in summary:
         return []
-    from robodyn_cli.cli.control_words import control_lines, response_lines
+    from robodyn_cli.cli.control_words import control_lines
 
-    return [*control_lines(summary["control"], verbose), *response_lines(summary)]
+    return control_lines(summary["control"], verbose)
 
 
 def _happenings(summary: Mapping[str, Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -18,7 +18,7 @@ from robodyn_cli.motors.registry import motor_types
 BY = ("cost", "mass")
 
 
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return what was found: how much there was to choose from, the drives, and how to write them into the scene."""
     sized = summary["size"]
     rows = [["joint", "combinations", "bear it", "best margin", "of limit"]]
@@ -31,15 +31,13 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
     how = f"smallest {sized['by']} {'of all combinations' if sized['proven'] else 'joint by joint'}"
     enough = all(drive["passes"] for drive in drives.values())
-    total = (
-        f"cost {digits(sized['cost'])}, mass {digits(sized['mass'])} kg, {how if enough else 'not enough'}"
-    )
     return "\n".join(
         [
             f"{summary['title']}",
+            *figures,
             *([table(rows)] if verbose else []),
             *drive_lines(summary),
-            f"  all drives         {total}; {sized['sweeps']} sweeps over the joints",
+            f"  all drives         {how if enough else 'not enough'}; {sized['sweeps']} sweeps over the joints",
             *_remarks(sized["joints"], drives),
             f"  in the scene       drives:{'' if enough else '  # not enough'}",
             *written,

@@ -14,7 +14,7 @@ from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import beyond
 from robodyn_cli.scene.text.leaves import leaves_of_text
-from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.summaries.keys import headline_rank, leaf_of
 
 LACKING = 12  # keys that only some scenes have; more are scenes of different things
 # what marks figures: more apart than their errors, less, or apart by what cannot be judged since an error is not stated
@@ -89,13 +89,19 @@ def error_of(value: Any) -> float | None:
 
 
 def compared(results: Sequence[Result]) -> list[SideBySide]:
-    """Return what tells scenes apart, how runs ended, and the figures that any of the results has."""
+    """Return what tells scenes apart, how runs ended, and the figures that any of the results has: those that differ
+    first, and of these those that the results are told by."""
     ends = [", ".join(one.words for one in verdicts(result)) for result in results]
     found = [SideBySide("outcome", ends), *scene_differences(results)]
     told = [dict(_figures(result)) for result in results]
     names = list(dict.fromkeys(name for one in told for name in one))
     figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
-    return [*found, *sorted(figures, key=lambda one: (DIFFER, OPEN, WITHIN, "").index(one.mark))]
+    commands = {result.command for result in results}
+
+    def place(one: SideBySide) -> tuple[int, int]:
+        return (DIFFER, OPEN, WITHIN, "").index(one.mark), min(headline_rank(x, one.name) for x in commands)
+
+    return [*found, *sorted(figures, key=place)]
 
 
 def scene_differences(results: Sequence[Result]) -> Iterator[SideBySide]:

@@ -10,17 +10,16 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.report import figures
 from robodyn_cli.report.cells import is_number
-from robodyn_cli.report.numbers import number, power, typeset, unit
+from robodyn_cli.report.numbers import number, typeset, unit
 from robodyn_cli.report.time_sheet import told
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
-from robodyn_cli.summaries.facts import rounded_up
+from robodyn_cli.summaries import rounding
 
 VOID = ("input", "meta", "img", "br")
 
@@ -70,7 +69,6 @@ def json_block(data: Any, identifier: str) -> Html:
 
 
 DIGITS = 6
-DOUBLE = 15  # digits of a number behind its first
 MOST_ROWS = 200  # of a table of runs
 MOST_ITEMS = 60  # of a list in a cell
 
@@ -106,36 +104,12 @@ def written(value: Any) -> str:
 
 
 def within(value: Any, error: float) -> str:
-    """Return numbers with the digits that their error leaves, and the error: it covers what rounding takes away."""
+    """Return numbers with the digits that their error leaves, and the error."""
     values = value if isinstance(value, list | tuple) else [value]
     if not error > 0.0 or not math.isfinite(error) or not all(map(is_number, values)):
         return written(value)
-    last = max(math.floor(math.log10(error)), *(place_of(x) - DOUBLE for x in values))
-    kept = [float(Decimal(x).quantize(Decimal(1).scaleb(last), ROUND_HALF_EVEN)) for x in values]
-    off = error + max(abs(x - y) for x, y in zip(values, kept))
-    error = rounded_up(off, 1)
-    return f"{', '.join(_with_place(x, last) for x in kept)} ± {_with_place(error, place_of(error))}"
-
-
-def place_of(x: float) -> int:
-    """Return the power of ten of the first digit of a number."""
-    return math.floor(math.log10(abs(x))) if x else -400
-
-
-def _with_place(x: float, last: int) -> str:
-    """Return a number whose last digit is that of ten to the power ``last``."""
-    if x == 0.0:
-        return "0"
-    first = place_of(x)
-    digits = max(1, first - last + 1)
-    if (first >= -4 or last >= -4) and last < 4 and first < 15:
-        return f"{x:.{max(0, -last)}f}".replace("-", "−")
-    mantissa, exponent = f"{x:.{digits - 1}e}".split("e")
-    return (
-        f"{mantissa}·{power(int(exponent))}".replace("-", "−")
-        if int(exponent)
-        else mantissa.replace("-", "−")
-    )
+    kept, off = rounding.within(values, error)
+    return typeset(f"{', '.join(kept)} ± {off}")
 
 
 def named(key: str) -> str:
