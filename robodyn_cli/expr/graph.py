@@ -97,7 +97,9 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Expr] = []
         self._table: dict[Any, Expr] = {}
-        self._binaries: dict[str, dict[int, Expr]] = {}  # by operation and both indices in one integer
+        self._binaries: dict[
+            str, dict[tuple[Expr, ...], Expr]
+        ] = {}  # by operation and ``args``, the node's own
 
     # -- leaves ---------------------------------------------------------------------------------------
     def constant(self, value: float) -> Expr:
@@ -146,10 +148,10 @@ class Graph:
         table = self._binaries.get(op)
         if table is None:
             table = self._binaries[op] = {}
-        key = x.index << 32 | y.index
-        node = table.get(key)
+        args = (x, y)
+        node = table.get(args)
         if node is None:
-            node = table[key] = Expr(self, op, (x, y), None, len(self.nodes))
+            node = table[args] = Expr(self, op, args, None, len(self.nodes))
             self.nodes.append(node)
         return node
 

@@ -227,11 +227,11 @@ class Interpreter:
         self.outputs = [e if isinstance(e, Expr) else float(e) for e in outputs]
         kept = {e.index for e in self.outputs if isinstance(e, Expr)}
         seen: set[int] = set()
-        self.steps: list[tuple[Expr, list[int]]] = []
+        self.steps: list[tuple[Expr, tuple[int, ...]]] = []
         for node in reversed(reachable(self.outputs)):
             last = {a.index for a in node.args} - seen - kept
             seen |= last
-            self.steps.append((node, list(last)))
+            self.steps.append((node, tuple(last)))
         self.steps.reverse()
 
     def __call__(self, inputs: Mapping[str, NDArray[Any]]) -> list[Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import weakref
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -13,11 +14,14 @@ import pytest
 
 from robodyn_cli.commands import SCENE_COMMANDS, places
 from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.expr.graph import Graph
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.build import build_model
+from robodyn_cli.over.plan import plan as plan_module
 from robodyn_cli.over.plan.plan import plan, render
 from robodyn_cli.over.plan.plane import Plane
 from robodyn_cli.over.plan.variants import Variant
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.torques.dynamics import InverseDynamics
@@ -399,18 +403,53 @@ def test_redundant_rows_are_named() -> None:
 # -- large models --------------------------------------------------------------------------------------------
 
 
-def test_large_models_are_counted_as_a_whole_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    n = 100
+def long_chain(n: int, more: str) -> str:
+    """Return the scene of a chain of n revolute joints."""
     place = "a: 0.3, alpha: 90 deg, d: 0.1"
     joints = "\n".join(f"    - {{name: q{k}, type: revolute, {place}}}" for k in range(n))
-    inertia = "inertia: {xx: 0.1, yy: 0.1, zz: 0.1}"
+    inertia = "inertia: {xx: 0.1, yy: 0.1, zz: 0.1, xy: 0, xz: 0, yz: 0}"
     links = "\n".join(
         f"    - {{name: l{k}, mass: 1, com: [-0.1, 0.02, 0], com_frame: link, {inertia}}}" for k in range(n)
     )
-    motion = ", ".join(f"q{k}: 0.1*t" for k in range(n))
     head = "schema: 1\ngravity: [0, 0, -9.81]\nrobot:\n  convention: standard\n  joints:\n"
+    return f"{head}{joints}\n  links:\n{links}\n{more}"
+
+
+def test_of_a_large_model_one_set_of_equations_is_there_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that are counted apart are gone when the command's are built, and nothing is built in their place later."""
+    made: list[weakref.ref[Graph]] = []
+    make, built, seen = Graph.__init__, plan_module._built, []
+
+    def note(graph: Graph) -> None:
+        make(graph)
+        made.append(weakref.ref(graph))
+
+    def nodes() -> list[int]:
+        alive = (one() for one in made)
+        return sorted(len(graph.nodes) for graph in alive if graph is not None)
+
+    def watched(subject: Any) -> Any:
+        seen.append(nodes())
+        found = built(subject)
+        seen.append(nodes())
+        return found
+
+    monkeypatch.setattr(Graph, "__init__", note)
+    monkeypatch.setattr(plan_module, "_built", watched)
+    monkeypatch.setattr(plan_module, "as_keys", lambda report: seen.append(nodes()) or as_keys(report))
+    n = 40
+    found = plan(load_scene_text(long_chain(n, "")), "simulate")
+    assert not found["terms_counted"]
+    before, own, end = seen
+    assert max(before) < 20 * n, "the general equations are gone"
+    assert max(own) > 100 * n and sum(end) < 1.1 * sum(own)
+
+
+def test_large_models_are_counted_as_a_whole_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    n = 100
+    motion = ", ".join(f"q{k}: 0.1*t" for k in range(n))
     tail = f"trajectory: {{type: joint, duration: 1, q: {{{motion}}}}}\n"
-    scene = load_scene_text(f"{head}{joints}\n  links:\n{links}\n{tail}")
+    scene = load_scene_text(long_chain(n, tail))
     built: list[int] = []
     problem = Variant.problem
 

@@ -8,6 +8,7 @@ An operation is an addition, a multiplication, a division or a call of a functio
 
 from __future__ import annotations
 
+import functools
 import gc
 import itertools
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ from robodyn_cli.commands import places
 from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.expr.graph import Graph, Scalar, count_operations
+from robodyn_cli.expr.graph import Scalar, count_operations, is_nonzero
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.commands import command_of
@@ -53,6 +54,9 @@ class Subject(Protocol):
 
     def outputs(self, problem: Problem) -> list[Scalar]:
         """Return the expressions of the command's inner loop, for this problem or a variant of it."""
+
+    def apart(self, here: Variant) -> dict[str, int]:
+        """Return operations of other equations than the command's, by term; each in a graph that is gone then."""
 
     def terms(self, e: PlanEquations) -> Iterator[Term]:
         """Yield the terms of the command beside those of the mechanism: its stages, and the work around the inner
@@ -95,15 +99,23 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     if command not in subjects:
         raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(subjects)}", key="command")
     subject = subjects[command](scene)
-    problem = subject.problem
+    problem, here = subject.problem, _variant_of(subject)
+    # first and apart, so that of a large scene one set of equations is there at a time
+    everything = _general(subject, here)
+    counted = everything * VARIANTS <= LARGEST
+    _collect(counted)
+    apart = subject.apart(here)
+    _collect(counted)
+    acting = _acting(here)
+    _collect(counted)
     # before anything else is built in the same graph, so that the programs are those of the run
     kernels, choices, missing = _built(subject)
     outputs = subject.outputs(problem)
     needed, spare = unknown_data(problem.model, outputs)
     missing = list(dict.fromkeys([*needed, *missing]))
-    ledger, everything = _ledger(subject, count_operations(outputs))
-    idle = _idle(subject) if ledger.counted else []
-    equations = PlanEquations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
+    ledger = Ledger(here, count_operations(outputs), functools.partial(_count, subject), counted)
+    idle = _idle(subject) if counted else []
+    equations = PlanEquations(here, problem, Plane(here.model), tuple(idle), tuple(spare), apart, acting)
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
         ledger.enter(term)
     report = PlanReport(
@@ -138,11 +150,11 @@ def _built(subject: Subject) -> tuple[list[Kernel], list[Decision], list[str]]:
         return [], [], list(error.details["missing"])
 
 
-def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
-    """Return the ledger of the subject's equations, and the operations of code for any scene."""
+def _variant_of(subject: Subject) -> Variant:
+    """Return the subject's equations, ready to be changed, on a model of their own."""
     problem = subject.problem
     rows = problem.constraints.names if subject.redundant and not problem.dependent else None
-    here = Variant(
+    return Variant(
         problem.scene,
         build_model(problem.scene),
         rows=rows,
@@ -150,18 +162,28 @@ def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
         braces=problem.braces,
     )
 
-    def count(variant: Variant) -> int:
-        return count_operations(subject.outputs(variant.problem()))
 
-    # in a graph of its own, which takes as much memory as the command's; symbols of missing data are in the model's
-    everything = count(general(here if here.model.graph.nodes else here.with_model(graph=Graph())))
-    counted = everything * VARIANTS <= LARGEST
-    if not counted:
-        for _ in range(
-            2
-        ):  # arrays hide from the collector what they hold, and go in its first pass themselves
-            gc.collect()
-    return Ledger(here, total, count, counted), everything
+def _count(subject: Subject, variant: Variant) -> int:
+    """Return the operations of the inner loop for a variant."""
+    return count_operations(subject.outputs(variant.problem()))
+
+
+def _general(subject: Subject, here: Variant) -> int:
+    """Return the operations of code for any scene."""
+    return _count(subject, general(here.apart))
+
+
+def _acting(here: Variant) -> frozenset[str]:
+    """Return which of the rigid bodies' terms load a joint in any pose."""
+    terms = here.apart.problem().rigid_terms()
+    return frozenset(name for name, term in terms.items() if any(map(is_nonzero, term)))
+
+
+def _collect(small: bool) -> None:
+    """Free equations that nobody needs any more, where they are not ``small``."""
+    # arrays hide from the collector what they hold, and go in its first pass themselves
+    for _ in range(0 if small else 2):
+        gc.collect()
 
 
 def _idle(subject: Subject) -> list[str]:

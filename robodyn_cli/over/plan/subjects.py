@@ -31,6 +31,7 @@ from robodyn_cli.over.plan.plane import at_samples, in_steps
 from robodyn_cli.over.plan.terms import Ledger, PlanEquations, Term
 from robodyn_cli.over.plan.text import listed, plural
 from robodyn_cli.over.plan.variants import (
+    Variant,
     general_drives,
     one_pin,
     one_prescribed,
@@ -63,6 +64,7 @@ def solver(problem: Problem) -> Decision:
 
 
 PROJECTION = "projection"
+WORK = "work integral"
 
 
 class Forward:
@@ -86,6 +88,12 @@ class Forward:
         return build_system(
             problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True
         ).rates
+
+    def apart(self, here: Variant) -> dict[str, int]:
+        """Return the operations of the work integral, where nothing does work here: with a torque in each joint."""
+        if self.system.work_done_by:
+            return {}
+        return {WORK: self._of_work(general_drives(here.apart).problem())}
 
     def kernels(self) -> list[Kernel]:
         """Return the compiled programs: those of the stepping loop, then those of samples and events."""
@@ -207,12 +215,15 @@ class Forward:
 
     def _work(self, e: PlanEquations) -> Term:
         doers = self.system.work_done_by
-        problem = self.problem if doers else general_drives(e.here).problem()
-        work, without = (count_operations(self.outputs(problem, work)) for work in (True, False))
+        work = self._of_work(self.problem) if doers else e.apart[WORK]
         reason = "no force but gravity and springs does work: energy itself is conserved"
         if doers:
             reason = f"balance of the energy: work of {listed(doers)}"
-        return Term("work integral", bool(doers), reason, work - without)
+        return Term(WORK, bool(doers), reason, work)
+
+    def _of_work(self, problem: Problem) -> int:
+        work, without = (count_operations(self.outputs(problem, work)) for work in (True, False))
+        return work - without
 
     def _events(self) -> Iterator[Term]:
         """Yield the event functions of the system; those that differ by a number share an entry."""
@@ -301,6 +312,10 @@ class InversePlan:
             tau = tau - term
         rows = problem.constraints.loop_rows
         return [*tau, *(x for row in rows for x in row.psi)]
+
+    def apart(self, here: Variant) -> dict[str, int]:
+        """Return nothing: all that is counted are variants."""
+        return {}
 
     def kernels(self) -> list[Kernel]:
         """Return the compiled programs."""

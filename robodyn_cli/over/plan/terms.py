@@ -8,7 +8,7 @@ need as well counts as 0.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import count_operations, is_nonzero
@@ -43,7 +43,8 @@ class Term:
 class PlanEquations:
     """The input of the terms: the equations as the command builds them, and ``here``, the same as a variant.
 
-    idle : given data without effect. spare : data neither given nor needed.
+    idle : given data without effect. spare : data neither given nor needed. apart : operations of other equations, by
+    term. acting : which of ``rigid_terms`` act in any pose.
     """
 
     here: Variant
@@ -51,6 +52,8 @@ class PlanEquations:
     plane: Plane
     idle: tuple[str, ...]
     spare: tuple[str, ...]
+    apart: Mapping[str, int]
+    acting: frozenset[str]
 
     @property
     def model(self) -> Model:
@@ -80,7 +83,7 @@ Terms = Iterator[Term]
 
 def velocity_terms(e: PlanEquations) -> Terms:
     name = "centrifugal and Coriolis forces"
-    if any(is_nonzero(x) for x in e.problem.rigid_terms()["coriolis"]):
+    if "coriolis" in e.acting:
         yield e.kept(
             name, "the mass matrix depends on the pose", dataclasses.replace(e.here, velocity_terms=False)
         )
@@ -94,7 +97,7 @@ def velocity_terms(e: PlanEquations) -> Terms:
 def gravity(e: PlanEquations) -> Terms:
     g = e.plane.gravity
     general = variants.general_gravity(e.here)
-    if not any(is_nonzero(x) for x in e.problem.rigid_terms().get("gravity", ())):
+    if "gravity" not in e.acting:
         reason = f"gravity of ({', '.join(f'{x:.4g}' for x in g)}) m/s^2 loads no joint in any pose"
         yield e.left_out("gravity", reason if any(g) else "gravity is zero", general)
         return

@@ -94,6 +94,12 @@ class Variant:
     def symbols(self) -> Symbols:
         return Symbols(self.model.graph)
 
+    @property
+    def apart(self) -> Variant:
+        """The variant in a graph of its own, which goes with what is built of it; with missing data in the model's, as
+        their symbols are there."""
+        return self if self.model.graph.nodes else self.with_model(graph=Graph())
+
     def problem(self) -> Problem:
         """Return the equations of this variant."""
         return VariantProblem(self)
