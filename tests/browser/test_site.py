@@ -34,12 +34,18 @@ def test_axe_looks_at_every_page_by_day_and_by_night(tmp_path: Path, chromium: A
     write(tmp_path, "headless", "<table><tr><th></th><th>b</th></tr><tr><td>1</td><td>2</td></tr></table>")
     write(tmp_path, "folded", "<details><summary>more</summary><img src='x.png'></details>")
     write(tmp_path, "night", "<p>words</p>", NIGHT)
+    write(
+        tmp_path, "long", f"<ul>{'<li>words</li>' * 40}<li><img src='x'></ul><p>words</p>", "p {color: #ddd}"
+    )
     found = judged(tmp_path)
     assert found.returncode == 1
     said = sorted(line.partition(" (1)")[0] for line in found.stdout.splitlines())
     assert said == [
-        "axe finds 3 faults of pages",
+        "axe finds 6 faults of pages",
         "folded.html (light): image-alt",
         "headless.html (light): empty-table-header",
+        "long.html (dark): color-contrast",
+        "long.html (light): color-contrast",
+        "long.html (light): image-alt",
         "night.html (dark): color-contrast",
     ]
