@@ -11,6 +11,9 @@ from website.runs import Shot, examples
 from website.text import slug
 
 LONGEST_OUTPUT = 40  # lines
+CLI = "docs/cli.md"
+# sections of summaries that are not named after a command
+SIMULATED, JSON = "simulate-and-deploy", "what-other-commands-print-as-json"
 
 
 def add_commands(site: Site, out: Path, shots: list[Shot]) -> None:
@@ -51,10 +54,10 @@ def foot(site: Site, command: str) -> str:
         links = ", ".join(f"[{kind}](../gallery/plots.md#{kind})" for kind in dict.fromkeys(names(row.plots)))
         parts.append(f"## Plots\n\nOf these it draws what the result has the data for: {links}.")
     if row.summary:
-        home = next(
-            (h for (n, a), h in site.homes.items() if n == "docs/cli.md" and a == slug(command)), None
-        )
-        home = home or site.homes.get(("docs/cli.md", "simulate-and-deploy"))
-        if home:
-            parts.append(f"## Summary\n\nThe keys of its `summary.json` are in [summary.json](../{home[0]}).")
+        own = site.homes.get((CLI, slug(command)), site.homes[CLI, SIMULATED] if row.run else None)
+        if own:
+            parts.append(f"## Summary\n\nThe keys of its `summary.json` are in [summary.json](../{own[0]}).")
+        else:
+            home, anchor = site.homes[CLI, JSON]
+            parts.append(f"## JSON\n\nThe keys of what it prints with `--json` are [here](../{home}#{anchor}).")
     return "\n\n".join(parts) + "\n" if parts else ""

@@ -11,6 +11,7 @@ import pytest
 from website import blocks
 from website.__main__ import linked, whole_site
 from website.check import wrong
+from website.commands import foot
 from website.contents import listed
 from website.examples import WITHOUT, all_examples
 from website.gallery import CARDS, index, names, whole
@@ -186,3 +187,18 @@ def test_cards_of_the_gallery_say_what_they_show() -> None:
     assert len(found) == len(scenes()) and not any("](" in alt for alt in found)
     commands = {shot.scene: shot.command for shot in scenes()}
     assert all(kind in names(COMMANDS[commands[scene]].plots) for scene, kind in CARDS.items())
+
+
+def test_pages_of_commands_lead_to_their_own_summaries() -> None:
+    text = {command: foot(site(), command) for command in COMMANDS}
+    assert "(../summaries/simulate-and-deploy.md)" in text["simulate"]
+    assert "(../summaries/work-precision.md)" in text["work-precision"]
+    assert (
+        "summary.json" not in text["validate"] and "what-other-commands-print-as-json.md#" in text["validate"]
+    )
+
+
+def test_tables_of_options_stand_alone() -> None:
+    """What stands above in the file is on another page of the site."""
+    for command in COMMANDS:
+        assert "as above" not in site().pages[f"commands/{command}.md"].text, command
