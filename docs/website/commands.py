@@ -59,5 +59,7 @@ def foot(site: Site, command: str) -> str:
             parts.append(f"## Summary\n\nThe keys of its `summary.json` are in [summary.json](../{own[0]}).")
         else:
             home, anchor = site.homes[CLI, JSON]
-            parts.append(f"## JSON\n\nThe keys of what it prints with `--json` are [here](../{home}#{anchor}).")
+            parts.append(
+                f"## JSON\n\nThe keys of what it prints with `--json` are [here](../{home}#{anchor})."
+            )
     return "\n\n".join(parts) + "\n" if parts else ""
