@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from robodyn_cli.version import __version__
 PROGRAM = "robodyn"
 HELP = "help"  # `robodyn help COMMAND` is `robodyn COMMAND --help`
 WIDEST = max(map(len, COMMANDS))
+LEAST_WIDTH = 50  # of help, to the parser
 INDENTED = f"\n  {PROGRAM} "
 EXAMPLES = f"\b\nExamples:{INDENTED}"  # the parser keeps the lines of a text that begins with a backspace
 COMPLETION = "_ROBODYN_COMPLETE"  # set by the shell when it asks for completions
@@ -60,6 +62,11 @@ def _read_at_once(parameter: Any) -> None:
     parameter.process_value = process_value
 
 
+def _no_type(ctx: Any) -> str:
+    """Return what help says of the type of an argument, whose name says more than that of a class of Python."""
+    return ""
+
+
 class ReadsAtOnce:
     """A command or a group whose parameters read their words at once."""
 
@@ -67,6 +74,8 @@ class ReadsAtOnce:
         parameters = super().get_params(ctx)  # type: ignore[misc]
         for parameter in parameters:
             _read_at_once(parameter)
+            if parameter.param_type_name == "argument":
+                parameter.display_type_rich = _no_type
         return parameters
 
 
@@ -138,8 +147,10 @@ def _outcome(group: Any, words: list[str]) -> int:
     if words[:1] == [HELP]:
         words = [*words[1:2], "--help"]
     console = Console(as_json="--json" in words)
+    columns = shutil.get_terminal_size().columns - 2  # narrower than the least that the parser takes
+    narrow = {"terminal_width": columns} if columns < LEAST_WIDTH else {}
     try:
-        with group.make_context(PROGRAM, words.copy() or ["--help"]) as context:
+        with group.make_context(PROGRAM, words.copy() or ["--help"], **narrow) as context:
             return int(group.invoke(context) or 0)
     except typer.Exit as done:
         return done.exit_code if words else WRONG_USAGE

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from robodyn_cli.cli.progress_line import ProgressLine
     from robodyn_cli.results.result import Result
 
+MOST_ERRORS = 10  # of a scene that are told
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS, LONGEST_SECONDS = 10.0, 60.0  # without a word, elsewhere: at first, and from then on
 # by what a line begins with; all else stays as it is
@@ -83,8 +84,14 @@ class Console:
             _print(printable(indented(report, ensure_ascii=not _encodes(sys.stdout))), sys.stdout)
 
     def fail(self, error: RobodynError) -> int:
-        """Report the error that ended the command; return its exit code."""
-        return self.report(type(error).__name__, error.message, error.exit_code, error.details)
+        """Report the error that ended the command, and what else is wrong with its scene; return its exit code."""
+        code = self.report(type(error).__name__, error.message, error.exit_code, error.details)
+        others = error.details.get("others", ())
+        for text in others[: MOST_ERRORS - 1]:
+            self.error(text)
+        if len(others) >= MOST_ERRORS:
+            self.error(f"and {len(others) + 1 - MOST_ERRORS} more: `robodyn validate` lists them")
+        return code
 
     def report(self, kind: str, message: str, code: int, details: dict[str, object] | None = None) -> int:
         """Report the cause that ended the command, as text and, where it was asked for, as JSON; return the exit

@@ -108,12 +108,12 @@ def file(path: Any) -> Any:
 
 
 SceneFile = Annotated[
-    Path, typer.Argument(metavar="SCENE.yaml", help="Scene to run.", callback=file, show_default=False)
+    Path, typer.Argument(metavar="SCENE.yaml", help="The scene.", callback=file, show_default=False)
 ]
 SceneFiles = Annotated[
     list[str],
     typer.Argument(
-        metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", callback=file, show_default=False
+        metavar="SCENE|GLOB|DIR", help="Scenes, patterns, folders.", callback=file, show_default=False
     ),
 ]
 StoredResult = Annotated[
@@ -123,7 +123,7 @@ StoredResult = Annotated[
 StoredResults = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RESULT...", help="Output directories of runs, or their result.h5.", show_default=False
+        metavar="RESULT", help="Output directories of runs, or their result.h5.", show_default=False
     ),
 ]
 
@@ -256,11 +256,17 @@ class SharedOptions:
     verbose: Verbose = False
     kept: Any = None
 
-    @property
-    def drawings(self) -> Drawings | None:
-        """Return which plots the command draws; None for none."""
+    def drawings(self, command: str = "") -> Drawings | None:
+        """Return which plots are drawn, of a command if it is named; None for none.
+
+        Raises
+        ------
+        SceneError : the command never draws one that is asked for.
+        """
         if self.no_plots:
             return None
+        if self.plots and command:
+            drawn_by(command, self.plots)
         from robodyn_cli.report.registry import Drawings
 
         return Drawings(self.plots, self.format_, self.style, self.width, self.no_titles)
@@ -277,11 +283,9 @@ class SharedOptions:
         self, command: str, scene: Path, strict: bool = False, changes: Sequence[str] = (), **more: Any
     ) -> SceneRun:
         """Return a run of a scene; changes : overrides that other options stand for; more : fields of ``SceneRun``."""
-        if self.plots:
-            drawn_by(command, self.plots)
         overrides = [*(self.overrides or ()), *changes]
         return SceneRun(
-            command, scene, self.directory(scene, command), overrides, self.drawings, strict, **more
+            command, scene, self.directory(scene, command), overrides, self.drawings(command), strict, **more
         )
 
 

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 Describe = Callable[..., str]
 
 
+LONG_PLOTS = 1.0  # s from which on it is told that most of a run was spent on plots
+
+
 def default_directory(scene: Path | None, command: str) -> Path:
     """Return outputs/<scene stem>/<command>; without a scene outputs/<command>."""
     return Path("outputs") / (scene.stem if scene is not None else "") / command
@@ -73,12 +76,7 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
                 raise
             with watch.stage("write"):
                 store(result, directory, writer)
-            publish(result, directory, job.drawings, watch)
-        if job.drawings is not None and directory.lasts:
-            from robodyn_cli.report.registry import to_tell
-
-            for text in to_tell(result, job.drawings):
-                console.note(f"robodyn: warning: {text}")
+            publish(result, directory, job.drawings, console, watch)
     if failure is not None:
         until = "" if isinstance(failure, StrictError) else " until then"
         if directory.lasts:
@@ -134,10 +132,14 @@ def begun(directory: Output, console: Console) -> Iterator[None]:
 
 
 def publish(
-    result: Result, directory: Output, drawings: Drawings | None, watch: Stopwatch | None = None
+    result: Result,
+    directory: Output,
+    drawings: Drawings | None,
+    console: Console,
+    watch: Stopwatch | None = None,
 ) -> None:
-    """Draw a result that is written, and replace an earlier run's files by those of this one."""
-    from robodyn_cli.report.registry import draw_all
+    """Draw a result that is written, put its files in place of an earlier run's; say what was not drawn."""
+    from robodyn_cli.report.registry import draw_all, to_tell
 
     if drawings is not None and directory.lasts:
         with watch.stage("plots") if watch is not None else contextlib.nullcontext():
@@ -145,6 +147,9 @@ def publish(
     if watch is not None:
         result.summary["wall_time_s"] = watch.report()
     directory.replace_old(result.summary)
+    if drawings is not None and directory.lasts:
+        for text in to_tell(result, drawings):
+            console.note(f"robodyn: warning: {text}")
 
 
 def show(result: Result, directory: Output, console: Console, describe: Describe) -> None:
@@ -186,6 +191,9 @@ def say_where(directory: Output, console: Console, summary: Mapping[str, Any]) -
 
     names, total = directory.outputs, summary.get("wall_time_s", {}).get("total")
     took = "" if total is None else f" in {spent(total)}"
+    drawn = summary.get("wall_time_s", {}).get("plots", 0.0)
+    if total is not None and drawn > max(0.5 * total, LONG_PLOTS):
+        took += f", {spent(drawn)} of it for plots: --no-plots"
     files = ", ".join(names) if console.verbose else f"{len(names)} files{took}; -v tells more"
     console.say(f"results: {directory.path}  ({files})")
 

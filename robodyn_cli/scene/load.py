@@ -57,10 +57,13 @@ class Examined:
 
         Raises
         ------
-        SceneError : the first of the errors.
+        SceneError : the first of the errors, with the messages of all others among its details.
         """
         if self.scene is None:
-            raise self.errors[0]
+            first, *others = self.errors
+            if others:
+                first.details = {**first.details, "others": [error.message for error in others]}
+            raise first
         return self.scene
 
 

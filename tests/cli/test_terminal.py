@@ -285,3 +285,45 @@ def test_what_a_terminal_would_obey_is_shown(capsys: pytest.CaptureFixture[str])
     out, err = capsys.readouterr()
     assert out == '{\n  "title": "\\u001b[2J\\u202e"\n}\na\\u202eb\nc\n'
     assert err == "\\u001b]0;a\\u0007\nrobodyn: error: \\u009b31m\n"
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_help_is_as_wide_as_the_terminal_and_names_no_types(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    for command in ("new", "check", "report", "validate", "statics"):
+        told = invoke(command, "--help").out
+        usage, examples = told.partition("\n\n")[0], told.find("Examples:")
+        assert max(map(len, told[:examples].splitlines())) <= width
+        assert (
+            "[[" not in usage
+            and "..." not in usage.replace("}...", "")
+            and "<" not in told[:examples].split("Options:")[0]
+        )
+
+
+def test_all_that_is_wrong_with_a_scene_is_told(tmp_path: Path) -> None:
+    scene = arm(tmp_path / "arm.yaml")
+    wrong = ["inverse.samples=-1", "gravity=[0, -9.81]", "colour=red"]
+    done = invoke("inverse", scene, *(word for one in wrong for word in ("--set", one)))
+    assert done.code == 2 and done.err.count("robodyn: error: ") == 3
+    assert "value [0, -9.81]" in done.err and "colour" in done.err
+    joints = ", ".join(f"{{name: j{k}, type: nonsense}}" for k in range(14))
+    scene.write_text(f"schema: 1\nrobot: {{joints: [{joints}]}}\n")
+    done = invoke("simulate", scene)
+    assert done.err.count("robodyn: error: ") == 11 and "more: `robodyn validate` lists them" in done.err
+
+
+@pytest.mark.parametrize("command", ["sweep", "optimise", "sensitivity", "info", "work-precision"])
+def test_plots_that_a_command_never_draws_are_refused_before_it_runs(command: str, tmp_path: Path) -> None:
+    scene = arm(tmp_path / "arm.yaml")
+    done = invoke(command, scene, "--plots", "four_bars", "--out", tmp_path / "out")
+    assert done.code == 2 and f"--plots four_bars: `{command}` does not draw that; allowed: " in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_plots_without_data_are_told_of_studies_too(tmp_path: Path) -> None:
+    asked = ("--vary", "robot.links.0.mass=[1, 2]", "--of", "peak_torque.swing", "--plots", "study_map")
+    done = invoke("sweep", arm(tmp_path / "arm.yaml"), *asked, "--out", tmp_path / "out")
+    assert done.code == 0 and "no data for the plot study_map" in done.err, done.err

@@ -86,7 +86,7 @@ def test_what_is_no_expectation(text: Any) -> None:
 
 def test_errors_have_a_place() -> None:
     check_place(SCENE + "expect: {lock.time: §< soon}\n", "expect.lock.time", "'soon' is not a finite number")
-    check_place(SCENE + "expect: {lock.time: §[1]}\n", "expect.lock.time", "a list of 1")
+    check_place(SCENE + "expect: {lock.time: §[1]}\n", "expect.lock.time", "[1]")
     check_place(SCENE + "expect: §[1]\n", "expect", "a map")
 
 

@@ -158,7 +158,7 @@ BAD = {
         "gravity.1",
         "has no value; allowed: a number",
     ),
-    "list for number": ("a: 1.0", "a: §[1]", "robot.joints.0.a", "a list of 1"),
+    "list for number": ("a: 1.0", "a: §[1]", "robot.joints.0.a", "value [1]"),
     "map for number": ("a: 1.0", "a: §{b: 1}", "robot.joints.0.a", "a map"),
     "words for number": ("a: 1.0", "a: §one metre", "robot.joints.0.a", "column 5", "'one metre'"),
     "unit for number": ("a: 1.0", "a: §1.0 kg", "robot.joints.0.a", "length in m expected, 1.0 kg is a mass"),

@@ -22,7 +22,7 @@ def command(
     scene: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[SCENE.yaml]",
+            metavar="SCENE.yaml",
             callback=file,
             show_default=False,
             help="Scene with the criteria; default: the result's own.",

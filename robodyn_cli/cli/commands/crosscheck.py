@@ -114,7 +114,7 @@ def _own_settings(loaded: Scene, path: Path, engine: str, step: float | None, sh
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.tools.progress import Stopwatch
 
-    console, watch = shared.console, Stopwatch()
+    console, drawings, watch = shared.console, shared.drawings("crosscheck"), Stopwatch()
     with contextlib.ExitStack() as stack:
         stack.enter_context(console.waiting(watch.doing))
         directory = None
@@ -128,7 +128,7 @@ def _own_settings(loaded: Scene, path: Path, engine: str, step: float | None, sh
             console.clear()
         if directory is not None:
             store(result, directory)
-            publish(result, directory, shared.drawings, watch)
+            publish(result, directory, drawings, console, watch)
     if directory is not None:
         show(result, directory, console, describe_own)
     elif not console.takes(result):

@@ -27,7 +27,7 @@ def command(
     ],
     robot: Annotated[
         Path | None,
-        typer.Argument(metavar="[ROBOT.yaml]", help="File to write; default: FILE.yaml.", show_default=False),
+        typer.Argument(metavar="ROBOT.yaml", help="File to write; default: FILE.yaml.", show_default=False),
     ] = None,
     packages: Annotated[
         list[str] | None,

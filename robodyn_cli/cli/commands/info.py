@@ -38,19 +38,19 @@ def command(
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.works.info import info
 
-    console, overrides = shared.console, shared.overrides or ()
+    console, overrides, drawings = shared.console, shared.overrides or (), shared.drawings("info")
     target = shared.directory(scene, "info")
     with console.waiting(lambda: "reading and drawing"), output(target, scene, console) as directory:
         with placed(scene, overrides, "info"):
             result = info(scene, overrides, at or ())
-        if shared.drawings is not None:
+        if drawings is not None:
             with begun(directory, console):
-                publish(result, directory, shared.drawings)
+                publish(result, directory, drawings, console)
     if console.takes(result):
         return 0
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
-    if shared.drawings is not None:
+    if drawings is not None:
         say_where(directory, console, result.summary)
     return 0
 

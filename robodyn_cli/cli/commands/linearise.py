@@ -47,7 +47,7 @@ def command(
                 begun_by((BALANCE, START)), names_in("robot.joints", before=("q.", "qd."), after="=")
             ),
             parser=utf8,
-            help="State, as `info` takes it: `theta1=60 deg`, or `balance`, `start`. "
+            help="State, as `q.theta1=60 deg` for each joint, or `balance` or `start`. "
             "[default: the pose that the controller is to keep, else the start]",
         ),
     ] = None,

@@ -45,7 +45,7 @@ def command(
     kind: Annotated[
         str | None,
         typer.Argument(
-            metavar="[KIND]",
+            metavar="KIND",
             autocompletion=_kinds,
             show_default=False,
             help="inverse, joint, waypoints, stops, lines, table, path, simulate, body, loop, mechanism, kinematics, "
@@ -55,7 +55,7 @@ def command(
     file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[FILE]",
+            metavar="FILE",
             help="File to write; default: KIND.yaml. With --example the folder to write into; default: configs.",
             show_default=False,
         ),

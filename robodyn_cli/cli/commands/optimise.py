@@ -94,7 +94,7 @@ def command(
     from robodyn_cli.over.search.search import run_search
     from robodyn_cli.scene.load import Family
 
-    console = shared.console
+    console, drawings = shared.console, shared.drawings("optimise")
     target, family = shared.directory(scene, "optimise"), Family(scene, shared.overrides or ())
     start, progress = time.perf_counter(), SearchProgress(console)
     options = options_of(
@@ -112,7 +112,7 @@ def command(
                 ended = run_search(search, maker, progress.reached)
                 result = report(ended, maker, time.perf_counter() - start)
             store(result, directory)
-            publish(result, directory, shared.drawings)
+            publish(result, directory, drawings, console)
             journal.forget()
     show(result, directory, console, describe)
     for text in result.summary.get("not_held", ()):

@@ -94,7 +94,7 @@ def command(
         from robodyn_cli.over.batch.stored import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes
-        settings, drawn = overrides or (), shared.drawings
+        settings, drawn = overrides or (), shared.drawings()
         stored = None if baseline is None else Baseline(baseline, out, rtol, atol, update)
         entries += listed(gather(scenes, files=True))
         load(entries, out, settings)

@@ -48,7 +48,7 @@ def command(
     from robodyn_cli.over.sensitivity.report import report, sensitivities
     from robodyn_cli.scene.load import Family
 
-    console = shared.console
+    console, drawings = shared.console, shared.drawings("sensitivity")
     target = shared.directory(scene, "sensitivity")
     start = time.perf_counter()
     with console.waiting(lambda: "deriving"), output(target, scene, console) as directory:
@@ -60,7 +60,7 @@ def command(
                 console.clear()
             result = report(derivatives, time.perf_counter() - start)
             store(result, directory)
-            publish(result, directory, shared.drawings)
+            publish(result, directory, drawings, console)
     show(result, directory, console, describe)
     return 0
 

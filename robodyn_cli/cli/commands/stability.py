@@ -76,7 +76,7 @@ def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -
     from robodyn_cli.over.stability.suite import suite
     from robodyn_cli.results.atomic import write_bytes
 
-    console = shared.console
+    console, drawings = shared.console, shared.drawings("stability")
     with (
         console.waiting(lambda: "the suite"),
         output(shared.directory(None, "stability-suite"), None, console) as directory,
@@ -89,7 +89,7 @@ def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -
         store(result, directory)
         for case in result.summary["cases"]:
             write_bytes(directory.new / f"{case['name']}.yaml", case.pop("scene").encode())
-        publish(result, directory, shared.drawings)
+        publish(result, directory, drawings, console)
     show(result, directory, console, describe_suite)
     return 0 if result.summary["missed"] == 0 else FAILED
 
@@ -169,7 +169,7 @@ def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
                 str(m["steps"]),
                 f"{1e3 * m['seconds']:.3g}",
                 _energy(g, summary["energy_growth"]["period"]["seconds"]),
-                "-" if exponent is None else f"t^{exponent:.1f}",
+                "-" if exponent is None else f"t^{round(exponent, 1) + 0.0:.1f}",
             ]
         )
     return rows

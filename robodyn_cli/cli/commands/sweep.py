@@ -92,6 +92,7 @@ def command(
             "--jobs does not go with --scheduler: each worker has the threads that it was started with"
         )
     console = shared.console
+    drawings = shared.drawings("sweep")
     target, family = shared.directory(scene, "sweep"), Family(scene, shared.overrides or ())
     options = options_of(
         family.own.study, vary=variations(vary) if vary else None, n=n, sampler=sampler,
@@ -103,7 +104,7 @@ def command(
             console.note(f"robodyn: {slow}; {cost_of(study.seconds)}")
         with begun(directory, console):
             maker = _maker(scheduler, jobs or cores(), console, study.seconds)
-            result = _run(study, directory, maker, console, shared.drawings)
+            result = _run(study, directory, maker, console, drawings)
     judged = options.least_yield is not None
     show(result, directory, console, lambda summary, verbose: describe(summary, judged, verbose))
     return _judge(result.summary, options.least_yield, console)
@@ -150,7 +151,7 @@ def _run(
             store(result, directory, writer)
         if drawn is not None or not directory.lasts:
             result.variables = read(directory.result_path).variables
-        publish(result, directory, drawn)
+        publish(result, directory, drawn, console)
         file.forget()
     return result
 

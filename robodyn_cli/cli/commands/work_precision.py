@@ -73,7 +73,7 @@ def command(
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.scene.load import load_scene
 
-    console = shared.console
+    console, drawings = shared.console, shared.drawings("work-precision")
     names = methods.split(",") if methods else None
     with (
         console.waiting(lambda: "comparing methods"),
@@ -88,7 +88,7 @@ def command(
                 console.clear()
             store(result, directory)
             write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
-            publish(result, directory, shared.drawings)
+            publish(result, directory, drawings, console)
     show(result, directory, console, describe)
     return 0
 

@@ -38,7 +38,9 @@ class Stopped:
     def _words(self, system: System, p: Array) -> str:
         where = f"at t = {self.time:.6g} s"
         if self.status is Status.MAX_STEPS:
-            return f"more than {self.options.max_steps} steps, stopped {where}"
+            return (
+                f"more than {self.options.max_steps} steps, stopped {where}; `simulate.max_steps` allows more"
+            )
         if self.status is Status.NOT_FINITE:
             return f"the state stops being finite {where}"
         if self.status is Status.NOT_SOLVED:

@@ -241,6 +241,9 @@ def _one_line(text: str) -> str:
     return " ".join(text.split("\n"))
 
 
+SHORT_LIST, LONGEST_LIST = 7, 50  # entries and letters of a list that is quoted
+
+
 def describe_node(node: Node) -> str:
     """Return what a node is, as quoted in messages."""
     if isinstance(node, Scalar):
@@ -250,6 +253,13 @@ def describe_node(node: Node) -> str:
             return shown(node.value)
         return node.text if len(node.text) <= 60 else node.text[:57] + "..."
     if isinstance(node, Sequence):
+        words = ", ".join(describe_node(item) for item in node.items[:SHORT_LIST])
+        if (
+            0 < len(node.items) < SHORT_LIST
+            and len(words) < LONGEST_LIST
+            and all(isinstance(item, Scalar) for item in node.items)
+        ):
+            return f"[{words}]"
         return f"a list of {len(node.items)}" if node.items else "an empty list"
     return "a map" if isinstance(node, Mapping) and node.entries else "an empty map"
 
