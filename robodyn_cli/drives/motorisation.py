@@ -21,7 +21,7 @@ import numpy as np
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.drives.directions import SLOW, begun, directed, driven_joints
-from robodyn_cli.drives.report import UNDERSIZED, Moved, following, given_by_drives
+from robodyn_cli.drives.report import UNDERSIZED, Accurate, Moved, following, given_by_drives
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
@@ -52,7 +52,7 @@ def with_motorisation(
     problem: Problem,
     moved: Moved,
     looked: Moved | None = None,
-    again: tuple[Sequence[Moved], float] | None = None,
+    again: Accurate = None,
 ) -> list[Any]:
     """Return the records of a motion's summary with the margins of its driven joints behind them; add their datasets to
     the result, and its status.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROU
 from robodyn_cli.model.parts import trains
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.observe.evaluation import SampleFunction
-from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -36,33 +35,28 @@ def with_drives(
     records: list[Any],
     result: Result,
     problem: Problem,
-    moved: Moved | None = None,
+    moved: Moved,
+    again: Accurate = None,
     instants: Sequence[float] = (),
-    again: tuple[Sequence[Recorder | Moved], float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
-    moved : the motion where figures are looked at; by default at the samples, with breaks at its events and at other
-        ``instants`` [s]. again : samples, or motions, of more accurate integrations, and times the difference of
-        figures is their error.
+    moved : the motion where figures are looked at. again : more accurate ones. instants : at which functions may jump
+        beside events [s].
 
-    A motion whose samples are not uniform has no figures of drives, and a warning instead.
+    A motion of a single sample has no figures of drives, and a warning instead.
     """
     summary, *others = records
     times, scene = result.time, problem.scene
-    if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
-        uneven = "the samples are not uniform in time, so there are no figures of drives"
-        return [_warned(summary, [uneven]), *others]
+    if len(times) < 2:
+        return [_warned(summary, ["there is one sample, so there are no figures of drives"]), *others]
     breaks = tuple(breaks_at(times, (float(event["time"]) for event in result.events), instants))
-    at_samples = drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
-    if moved is not None:
-        drives = Drives.of(scene, problem, moved)
-    at_samples.add_to(result)
+    Drives.of(scene, problem, Moved.of(result.__getitem__, breaks)).add_to(result)
+    drives = Drives.of(scene, problem, moved)
     figures = drives.figures()
     if again is not None:
-        motions = [x if isinstance(x, Moved) else Moved.of(x.array, breaks) for x in again[0]]
-        accurate = [Drives.of(scene, problem, x).figures() for x in motions]
+        accurate = [Drives.of(scene, problem, x).figures() for x in again[0]]
         figures = with_others(figures, accurate, again[1], ("drives", JOINT))
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
@@ -109,6 +103,16 @@ class Moved:
         """Return the motion of datasets by path."""
         time, q, qd, qdd, tau = (dataset(path) for path in ("time", "q", "qd", "qdd", "tau"))
         return Moved(time, q, qd, qdd, tau, breaks)
+
+    @staticmethod
+    def joined(parts: Sequence[Moved]) -> Moved:
+        """Return motions without breaks that follow one another as one."""
+        names = ("times", "q", "qd", "qdd", "tau")
+        return Moved(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+# more accurate integrations of a motion, and times the difference of figures is the error of these; None: none is known
+Accurate: TypeAlias = "tuple[Sequence[Moved], float] | None"
 
 
 @record

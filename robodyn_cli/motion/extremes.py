@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.drives.report import Moved
+from robodyn_cli.drives.report import Accurate, Moved
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.events import Jumped
@@ -37,7 +37,6 @@ from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import ROUNDED, Cut, Piece, Windows, pieces
-from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED as AGREED
 from robodyn_cli.summaries.apart import with_others
@@ -108,14 +107,10 @@ class CloseSamples:
         columns = [ChosenColumn(path, path, (k,), "") for path, width in widths.items() for k in range(width)]
         parts, _ = self.pieces(columns)
         parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
-        breaks = self.hidden
-        if (
-            self.observer.system.updates is not None
-        ):  # many cuts: what has both sides is looked at all at once
-            parts, breaks = [(*to_its_ends(*part), *part[2:]) for part in parts if len(part[0])], []
-        t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        both = [to_its_ends(*part) for part in parts if len(part[0])]
+        t, y = (np.concatenate([part[k] for part in both]) for k in (0, 1))
         own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
-        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, breaks)))
+        return Moved.of({"time": t, **own}.__getitem__, ())
 
 
 def to_its_ends(t: Array, y: Array, begin: float, end: float) -> tuple[Array, Array]:
@@ -241,7 +236,7 @@ class RecordedMotion:
         apart = [abs(other[0] - own[0]) for other in map(passed, self.others) if other is not None]
         return own[0], own[1] + (self.factor * max(apart) if apart else 0.0) + ROUNDED * abs(own[0])
 
-    def moved(self) -> tuple[Moved, tuple[Sequence[Moved], float] | None]:
+    def moved(self) -> tuple[Moved, Accurate]:
         """Return the motion of the joints, and those of the other integrations with their factor; raises what ``own``
         does."""
         widths = {path: self.recorder.blocks[path][0].shape[1] for path in ("q", "qd", "qdd", "tau")}
@@ -354,6 +349,15 @@ def over_all(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[st
         for name, later in one.extremes(names).items():
             found[name] = over_both(found[name], later) if name in found else later
     return found
+
+
+def moved_over(motions: Sequence[RecordedMotion]) -> tuple[Moved, Accurate]:
+    """Return what ``moved`` gives of motions that follow one another."""
+    parts, more = zip(*(one.moved() for one in motions))
+    own = Moved.joined(parts)
+    if None in more:
+        return own, None
+    return own, ([Moved.joined(x) for x in zip(*(others for others, _ in more))], max(x for _, x in more))
 
 
 def _plus(error: float | None, more: float) -> float | None:

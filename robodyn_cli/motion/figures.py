@@ -15,9 +15,7 @@ from robodyn_cli.summaries.facts import ABSENT, PeakLoad
 from robodyn_cli.tools.progress import Stopwatch
 
 if TYPE_CHECKING:
-    from robodyn_cli.drives.report import Moved
     from robodyn_cli.motion.extremes import RecordedMotion
-    from robodyn_cli.observe.recorder import Recorder
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
 
@@ -37,9 +35,8 @@ def with_figures(
     motions : what ``recorded`` gives of the run, and what follows it; by default nothing does.
     """
     scene, reactions = run.motion.scene, run.recorder.observer.reactions
-    held = bool(scene.drives) and run.motion.system.updates is not None
     responding = scene.outputs.response and run.motion.problem.control is not None
-    looks = responding or held or scene.motorisation is not None
+    looks = responding or scene.drives or scene.motorisation is not None
     if reactions is not None or scene.outputs.extremes or looks:
         motions = motions or [recorded(run, estimate)]
     summary, *others = records
@@ -62,16 +59,13 @@ def with_figures(
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            problem, instants, looked = run.motion.problem, run.motion.system.breakpoints, None
-            again: tuple[Sequence[Recorder | Moved], float] | None = None
-            if held and len(motions) == 1:  # samples on the updates see nothing of what jumps there
-                looked, again = motions[0].moved()
-            elif estimate is not None and estimate.recorder is not None:
-                again = ([estimate.recorder], estimate.factor)
-            records = with_drives(records, result, problem, looked, instants, again)
+            from robodyn_cli.motion.extremes import moved_over
+
+            instants = run.motion.system.breakpoints
+            records = with_drives(records, result, run.motion.problem, *moved_over(motions), instants)
     if scene.motorisation is not None:
         with watch.stage("motorisation"):
-            records = _with_margins(records, result, run, motions[0])
+            records = _with_margins(records, result, run, motions)
     return records
 
 
@@ -106,16 +100,18 @@ def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | N
     return dataclasses.replace(summary, **beside(*facts, estimate.factor))
 
 
-def _with_margins(records: list[Any], result: Result, run: Run, motion: RecordedMotion) -> list[Any]:
+def _with_margins(
+    records: list[Any], result: Result, run: Run, motions: Sequence[RecordedMotion]
+) -> list[Any]:
     """Return the records of a run with the margins of motorisation that its scene asks for behind them."""
     from robodyn_cli.drives.motorisation import with_motorisation
     from robodyn_cli.drives.report import Moved
+    from robodyn_cli.motion.extremes import moved_over
 
     at_samples = Moved.of(
         run.recorder.array, tuple(run.recorder.breaks(run.recorder.array("time"), run.driver.instants))
     )
-    looked, again = motion.moved()
-    return with_motorisation(records, result, run.motion.problem, at_samples, looked, again)
+    return with_motorisation(records, result, run.motion.problem, at_samples, *moved_over(motions))
 
 
 def loads_of(motion: RecordedMotion) -> dict[str, PeakLoad]:

@@ -206,7 +206,7 @@ class Observer:
         with_reactions = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if with_reactions else None
         # whether the summary has figures that follow from the samples
-        self.figures = bool(problem.scene.drives) or problem.scene.control is not None
+        self.figures = problem.scene.control is not None
         self.point_motion = _point_motion(problem)
 
     @property

@@ -121,6 +121,56 @@ def _mass(problem, q):  # type: ignore[no-untyped-def]
     return np.array(flat, dtype=float).reshape(len(q), len(q))
 
 
+DRIVEN = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+  links:
+    - {name: upper, mass: 2, com: [0.5, 0, 0], inertia: {zz: 0.03}}
+    - {name: fore, mass: 1, com: [0.4, 0, 0], inertia: {zz: 0.03}}
+catalogue: {motors: {m1: {type: dc, torque_constant: 0.9, resistance: 0.6, voltage: 300, max_current: 90,
+                          rated_current: 40, rotor_inertia: 5e-5}}}
+drives: {a: {motor: m1}}
+initial: {q: {a: 0.3, b: 0.6}}
+deploy: {criterion: latch, latch: {between: [upper, fore], at: {b: 0.65}}}
+simulate: {duration: 0.3, samples: 11}
+"""
+
+
+@pytest.mark.parametrize("after", ["stop", "continue"])
+def test_drives_of_a_deployment_have_figures_that_depend_on_no_samples(after: str) -> None:
+    """The lock is no sample of the grid; both motions count, up to it and behind it."""
+    runs = [
+        deploy(load_scene_text(DRIVEN, overrides=[f"deploy.after={after}", f"simulate.samples={n}"]))
+        for n in (11, 42)
+    ]
+    one, two = (run.summary["drives"]["a"] for run in runs)
+    assert runs[0].summary["lock"] is not None and runs[0].status == runs[1].status
+    for name in ("peak_torque", "rms_torque", "peak_speed"):
+        error = one["joint"]["errors"][name]
+        assert one["joint"][name] == pytest.approx(two["joint"][name], rel=1e-9, abs=2.0 * error), name
+    size = (np.abs(run["qdd"][:, 0]).max() * 5e-5 for run in runs)
+    assert one["joint"]["peak_torque"] >= max(size) * (1.0 - 1e-9), (
+        "of the rotor alone: nothing else drives the joint"
+    )
+
+
+def test_a_stop_between_two_samples_makes_no_peak_of_a_drive() -> None:
+    """What a rotor bears is largest at the start; far samples said more, from behind the stop that is met in between."""
+    stop = "limits: {lower: 0.2995, stop: {stiffness: 2000, damping: 5}}, spring: {stiffness: 5}"
+    text = DRIVEN.replace("axis: [0, 0, 1]}", f"axis: [0, 0, 1], {stop}}}", 1)
+    for samples in (5, 11, 60):
+        run = simulate(
+            load_scene_text(text, overrides=["simulate.duration=0.05", f"simulate.samples={samples}"])
+        )
+        joint = run.summary["drives"]["a"]["joint"]
+        assert joint["peak_torque"] == pytest.approx(5e-5 * abs(run["qdd"][0, 0]), rel=1e-9)
+        assert joint["peak_torque_time"] <= joint["errors"]["peak_torque_time"] < 1e-4
+
+
 @pytest.mark.parametrize("rtol", ["1e-6", "1e-8", "1e-10"])
 def test_a_moment_that_is_zero_but_for_rounding_has_an_error_that_says_so(rtol: str) -> None:
     """At rest nothing turns the latch, but other loads, of some newtons, round."""
