@@ -141,15 +141,16 @@ def publish(
     """Draw a result that is written, put its files in place of an earlier run's; say what was not drawn."""
     from robodyn_cli.report.registry import draw_all, to_tell
 
+    drawn: list[Path] = []
     if drawings is not None and directory.lasts:
         with watch.stage("plots") if watch is not None else contextlib.nullcontext():
-            draw_all(result, directory.new, drawings)
+            drawn = draw_all(result, directory.new, drawings)
     if watch is not None:
         result.summary["wall_time_s"] = watch.report()
     directory.replace_old(result.summary)
     if drawings is not None and directory.lasts:
-        for text in to_tell(result, drawings):
-            console.note(f"robodyn: warning: {text}")
+        for text in to_tell(result, drawings, drawn):
+            console.note(f"robodyn: {text}")
 
 
 def show(result: Result, directory: Output, console: Console, describe: Describe) -> None:

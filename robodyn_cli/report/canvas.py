@@ -89,6 +89,7 @@ def growth_times(result: Result) -> list[tuple[float, float]]:
 # labels of the texts above the panels: a page says titles itself, and sets notes as a caption; of a note that takes
 # several lines the further ones
 TITLE, NOTE, MORE = "title", "note", "note goes on"
+EMPTY = "empty"  # label of a figure in which all curves are zero
 RIGHT = 0.3
 DEGREES = 0.36
 BETWEEN = 0.7
@@ -244,6 +245,8 @@ def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str, part: Bbox 
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         style.prefix_axes(figure)
+        style.number_log_axes(figure)
+        style.place_offsets(figure)
         figure.savefig(file, format=kind[1:], bbox_inches=part, **_described(figure, kind))
 
 

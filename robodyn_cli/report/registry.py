@@ -89,16 +89,26 @@ def applicable(result: Result, asked: bool = False) -> list[str]:
     return [name for name in plots_of(result.command, asked) if PLOTS[name].applies(result)]
 
 
-def to_tell(result: Result, drawings: Drawings) -> list[str]:
+def to_tell(result: Result, drawings: Drawings, drawn: Sequence[Path]) -> list[str]:
     """Return what is to be told beside the drawings of a run, a line each: plots asked for that there are no data for,
-    and samples that do not show the motion."""
+    samples that do not show the motion, plots in which all is zero, which are not among the files ``drawn``."""
     from robodyn_cli.results.sampling import is_sparse, sparse_words
 
     possible = applicable(result, asked=True)
-    told = [f"no data for the plot {name}" for name in drawings.names or () if name not in possible]
+    told = [f"warning: no data for the plot {name}" for name in drawings.names or () if name not in possible]
     if is_sparse(result):
-        told.append(f"{sparse_words(result)}: plots draw dots there")
-    return told
+        told.append(f"warning: {sparse_words(result)}: plots draw dots there")
+    left = [] if drawings.names else set(applicable(result)) - {path.stem for path in drawn}
+    return [*told, *left_out([name for name in applicable(result) if name in left])]
+
+
+def left_out(names: Sequence[str]) -> list[str]:
+    """Return the line that says which plots are left out; none where none is."""
+    return (
+        [f"not drawn, as all in them is zero or missing: {', '.join(names)} (--plots draws them)"]
+        if names
+        else []
+    )
 
 
 def draw(result: Result, name: str) -> Figure:
@@ -110,15 +120,19 @@ def draw(result: Result, name: str) -> Figure:
 
 
 def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = None) -> list[Path]:
-    """Draw the plots that apply, or those asked for, into ``directory``, each file atomically; return the files."""
+    """Draw the plots that apply, but for those in which all is zero, or else those asked for, into ``directory``, each
+    file atomically; return the files."""
     drawings = drawings or Drawings()
     names = drawings.among(applicable(result, asked=drawings.names is not None))
     if not names:
         return []
-    from robodyn_cli.report.canvas import save
+    from robodyn_cli.report.canvas import EMPTY, save
     from robodyn_cli.report.style import styled
 
+    files = []
     with styled(drawings.form):
-        return [
-            save(PLOTS[name].draw(result), Path(directory) / f"{name}.{drawings.suffix}") for name in names
-        ]
+        for name in names:
+            figure = PLOTS[name].draw(result)
+            if drawings.names is not None or figure.get_label() != EMPTY:
+                files.append(save(figure, Path(directory) / f"{name}.{drawings.suffix}"))
+    return files

@@ -12,7 +12,16 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
+from matplotlib.ticker import (
+    FixedLocator,
+    Formatter,
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+    ScalarFormatter,
+)
 
 from robodyn_cli.report.format import FigureFormat, formatted
 from robodyn_cli.report.numbers import number, power, prefix
@@ -169,6 +178,7 @@ class PlainFormatter(ScalarFormatter):
     def __init__(self, room: float = math.inf, factor: float = 1.0) -> None:
         super().__init__()
         self._places: list[float] = []
+        self.in_label = False  # whether the label of the axis says by how much numbers are multiplied
         self.room, self._factor = room, factor
         self._most = (72.0 * room - BESIDE) / FONT_SIZE
 
@@ -201,10 +211,66 @@ class PlainFormatter(ScalarFormatter):
         """Return what stands above the axis: ``·10⁻¹⁶``, ``·10⁻¹² + 0.1``."""
         text = str(super().get_offset()).replace("\N{MINUS SIGN}", "-")
         factor, added = re.fullmatch("(?:1e(-?\\d+))?([+-].+)?", text).groups()  # type: ignore[union-attr]
-        parts = [f"·{power(int(factor))}"] if factor else []
+        parts = [f"·{power(int(factor))}"] if factor and not self.in_label else []
         if added:
             parts.append(f"{'+' if added[0] == '+' else MINUS} {number(abs(float(added)), 10)}")
         return " ".join(parts)
+
+
+def place_offsets(figure: Figure) -> None:
+    """Put what the numbers of upright axes are multiplied by into the label, ``[10⁻⁷ J]``, or inside the panel where
+    something is added to them: above it stand notes."""
+    for ax in figure.axes:
+        formatter, label = ax.yaxis.get_major_formatter(), ax.yaxis.get_label_text()
+        if not isinstance(formatter, PlainFormatter) or ax.get_yscale() != "linear":
+            continue
+        formatter.set_locs(ax.yaxis.get_majorticklocs())
+        factor, named = formatter.get_offset(), re.fullmatch(r"(.*\[)(.+)\]", label)
+        if named and factor.startswith("·") and " " not in factor:
+            units = "" if named[2] == "1" else f" {named[2]}"
+            ax.yaxis.set_label_text(f"{named[1]}{factor[1:]}{units}]")
+            formatter.in_label = True
+        text, rest = ax.yaxis.get_offset_text(), formatter.get_offset()
+        if rest and text.get_visible():
+            text.set_visible(False)
+            right = ax.yaxis.get_ticks_position() == "right"
+            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
+            place: dict[str, Any] = {
+                "xy": (1.0 if right else 0.0, 1.0),
+                "xytext": (-3.0 if right else 3.0, -3.0),
+            }
+            look: dict[str, Any] = {"ha": "right" if right else "left", "va": "top", "bbox": box, "zorder": 5}
+            ax.annotate(rest, **place, xycoords="axes fraction", textcoords="offset points", **look)
+
+
+def number_log_axes(figure: Figure) -> None:
+    """Give logarithmic axes on which fewer than two numbers stand as many round ones as they have room for."""
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            if axis.get_scale() != "log":
+                continue
+            low, high = sorted(axis.get_view_interval())
+            ticks = ((axis.get_majorticklocs(), axis.get_major_formatter()),
+                     (axis.get_minorticklocs(), axis.get_minor_formatter()))  # fmt: skip
+            words = [word for places, form in ticks for x, word in zip(places, form.format_ticks(list(places)))
+                     if low <= x <= high and word]  # fmt: skip
+            if len(words) < FEWEST_NUMBERS:
+                axis.set_major_locator(FixedLocator(round_numbers(low, high)))
+                axis.set_major_formatter(FuncFormatter(lambda x, _: number(x, 4)))
+                axis.set_minor_formatter(NullFormatter())
+
+
+FEWEST_NUMBERS = 2
+
+
+def round_numbers(low: float, high: float) -> list[float]:
+    """Return two numbers at least between the ends of a logarithmic axis, those as round as there are."""
+    tens = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for steps in ((1.0, 3.0), (1.0, 2.0, 5.0), range(1, 10)):
+        found = [step * 10.0**k for k in tens for step in steps if low <= step * 10.0**k <= high]
+        if len(found) >= FEWEST_NUMBERS:
+            return found
+    return [float(x) for x in MaxNLocator(4).tick_values(low, high) if low <= x <= high]
 
 
 # room for degrees on the right, as for numbers that have a label beside them [in]

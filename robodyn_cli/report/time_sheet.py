@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.abscissa import abscissa, over_joint
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import EMPTY, Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
     draw_crests,
@@ -272,6 +273,8 @@ class TimeSheet(Sheet):
         over_joint(self._result, self.axes)
         marks = [Line2D([], [], **marker_of(kind)) for kind in self._counted]
         super().legend([*handles, *marks], [*labels, *self._counted.values()])
+        if not any(map(_shows_something, self.axes)):
+            self.figure.set_label(EMPTY)
 
     def _close_ups(self) -> list[Axes]:
         """Draw the last periods of curves that swing so often that they are a band, on axes beside them."""
@@ -349,6 +352,15 @@ def _axes_beside(ax: Axes) -> Axes:
     look: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": 7.5, "color": style.GREY}
     beside.text(1.0, 1.02, words, transform=beside.transAxes, **look)
     return beside
+
+
+def _shows_something(ax: Axes) -> bool:
+    """Tell whether a panel has a curve, or a map, that is not zero throughout."""
+    own = [line.get_ydata() for line in ax.lines if line.get_transform() == ax.transData]
+    groups = [group for group in ax.collections if isinstance(group, LineCollection)]
+    own += [segment[:, 1] for group in groups for segment in group.get_segments()]
+    seen = [image.get_array() for image in ax.images] or own
+    return any(np.any(np.nan_to_num(np.asarray(values, dtype=float)) != 0.0) for values in seen)
 
 
 def panel_height(panels: int) -> float:

@@ -101,7 +101,8 @@ def test_plots_asked_for_without_data_are_told() -> None:
     result = Result("deploy", "", "locked", "")
     result.add("time", [0.0, 1.0])
     result.add("energy/total", [5.0, 5.0])
-    assert to_tell(result, Drawings(("energy", "joint_rates"))) == ["no data for the plot joint_rates"]
+    told = to_tell(result, Drawings(("energy", "joint_rates")), [])
+    assert told == ["warning: no data for the plot joint_rates"]
     assert applicable(result, asked=True) == ["energy", "energy_drift"] and applicable(result) == []
 
 

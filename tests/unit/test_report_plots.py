@@ -112,7 +112,7 @@ def test_values_that_scale_no_axis(tmp_path: Path, make: object, value: float) -
     for path, variable in result.variables.items():
         if path != "time":
             variable.data[:] = value
-    assert draw_all(result, tmp_path)
+    assert draw_all(result, tmp_path, Drawings(tuple(applicable(result))))
 
 
 def test_names_that_look_like_formulas(tmp_path: Path) -> None:

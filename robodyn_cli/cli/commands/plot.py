@@ -35,14 +35,16 @@ def command(
     """Draw stored results again; return the exit code."""
     from robodyn_cli.over.batch.stored import read_all
     from robodyn_cli.report.overlay import draw_again
-    from robodyn_cli.report.registry import Drawings
+    from robodyn_cli.report.registry import Drawings, to_tell
 
     console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        files, missing = draw_again(read_all(results), out, Drawings(plots, format_, style, width, no_titles))
-    for name in missing:
-        console.note(f"robodyn: warning: no data for the plot {name}")
+        drawings, stored = Drawings(plots, format_, style, width, no_titles), read_all(results)
+        files, missing = draw_again(stored, out, drawings)
+    lines = [f"warning: no data for the plot {name}" for name in missing]
+    for text in to_tell(stored[0][1], drawings, files) if len(stored) == 1 else lines:
+        console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "without_data": missing})
     console.say(f"{out}  ({', '.join(path.name for path in files)})")
     return 0

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from matplotlib.figure import Figure
+
+from robodyn_cli.report.canvas import EMPTY
 from robodyn_cli.report.numbers import tied
 from robodyn_cli.report.page import tables
 from robodyn_cli.report.page.charts import Store, captions, chart_data, curves_data, is_thinned
@@ -31,17 +34,29 @@ def plots_of(result: Result, store: Store, moving: bool) -> Html | None:
         return None
     first = len(store.figures)
     with styled():
-        plots = [plot_of(result, name, store) for name in names]
+        figures = {name: draw(result, name) for name in names}
+        empty = [name for name, figure in figures.items() if figure.get_label() == EMPTY]
+        plots = [_plot(figure, name, store) for name, figure in figures.items() if name not in empty]
     thinned = any(is_thinned(chart) for chart in store.figures[first:])
-    note = element("p", THINNED, class_="note") if thinned else None
-    return markup([tables.error_note(result.summary), note, element("div", plots, class_="plots")])
+    said = [THINNED] if thinned else []
+    said += (
+        [f"Left out, as all in them is zero or missing: {', '.join(map(_title, empty))}."] if empty else []
+    )
+    notes = [element("p", text, class_="note") for text in said]
+    return markup([tables.error_note(result.summary), notes, element("div", plots, class_="plots")])
 
 
 def plot_of(result: Result, name: str, store: Store) -> Html:
     """Return a plot: a chart that follows the drawing where it is over time, else a picture."""
-    figure = draw(result, name)
-    data = chart_data(figure, store.arrays)
-    title = name.replace("_", " ").capitalize()
+    return _plot(draw(result, name), name, store)
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ").capitalize()
+
+
+def _plot(figure: Figure, name: str, store: Store) -> Html:
+    data, title = chart_data(figure, store.arrays), _title(name)
     content = [
         element("h3", title),
         _caption(captions(figure), title),
