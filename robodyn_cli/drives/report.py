@@ -107,8 +107,11 @@ class Moved:
     @staticmethod
     def joined(parts: Sequence[Moved]) -> Moved:
         """Return motions without breaks that follow one another as one."""
-        names = ("times", "q", "qd", "qdd", "tau")
-        return Moved(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+        times, q, qd, qdd, tau = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("times", "q", "qd", "qdd", "tau")
+        )
+        return Moved(times, q, qd, qdd, tau)
 
 
 # more accurate integrations of a motion, and times the difference of figures is the error of these; None: none is known
