@@ -24,6 +24,7 @@ FEWEST = 64  # rows and columns from which on an order is looked for
 NARROW = (
     12  # times the width of the band that rows and columns have to be, so that its reduction takes less time
 )
+SURE = 1e-5  # of the norm: smallest singular values above it are told from zero without finding them
 AT_A_TIME = 1 << 21  # entries of matrices that are held at a time where samples are gone through in parts
 
 Places = NDArray[np.intp]
@@ -129,6 +130,51 @@ def singular_values(A: Array) -> Array:
     if not np.isfinite(stored).all():
         raise np.linalg.LinAlgError("an entry is not finite")
     return np.array([_of_band(x, band)[: min(A.shape[1:])] for x in stored])
+
+
+def full_rank(A: Array, ratio: float) -> NDArray[np.bool_]:
+    """Return where the smallest singular value of matrices A (T, m, n) is above ``ratio`` times the largest (T,).
+
+    Raises
+    ------
+    LinAlgError : an entry is not finite.
+    """
+    band = Band.of(A)
+    if band is None:
+        return _above(singular_values(A), ratio)
+    found = _surely_above(band.stored(A), band, max(SURE, 2.0 * ratio))
+    if not found.all():
+        found[~found] = _above(singular_values(A[~found]), ratio)
+    return found
+
+
+def _above(values: Array, ratio: float) -> NDArray[np.bool_]:
+    above: NDArray[np.bool_] = values[:, -1] > ratio * values[:, 0]
+    return above
+
+
+def _surely_above(stored: Array, band: Band, ratio: float) -> NDArray[np.bool_]:
+    """Return of which matrices in a band the smallest singular value is surely above ``ratio`` times the largest (T,).
+
+    A^T A - s^2 has a Cholesky factor only if all singular values are above s. The norm of all entries is no less than
+    the largest one; s is far above what rounding makes of A^T A.
+    """
+    from scipy.linalg.lapack import dpbtrf
+
+    largest = np.abs(stored).max(axis=(1, 2), initial=0.0)
+    if not np.isfinite(largest).all():
+        raise np.linalg.LinAlgError("an entry is not finite")
+    stored = stored / np.where(largest > 0.0, largest, 1.0)[:, None, None]
+    size, width = stored.shape[1:]
+    square = np.zeros((len(stored), width, size))
+    for k in range(min(width, size)):
+        square[:, k, : size - k] = (stored[:, : size - k, k:] * stored[:, k:, : width - k]).sum(axis=2)
+    norm = square[:, 0].sum(axis=1)
+    square[:, 0] -= ratio**2 * norm[:, None]
+    stretched = np.ones(size, dtype=bool)  # columns that only make the band square
+    stretched[np.arange(len(band.column_order)) * size // len(band.column_order)] = False
+    square[:, 0, stretched] = 1.0
+    return np.array([dpbtrf(x, lower=1)[1] == 0 for x in square], dtype=bool)
 
 
 def solved(A: Array, b: Array) -> Array:

@@ -342,13 +342,20 @@ def _fits(path: str, pattern: str) -> bool:
     )
 
 
+# by what stands for no name: the first part, and how many more there are
+_ALIKE: dict[tuple[str, int], list[Entry]] = {}
+for _entry in ENTRIES:
+    _ALIKE.setdefault((_entry.path.split("/", 1)[0], _entry.path.count("/")), []).append(_entry)
+
+
 def lookup(path: str) -> Entry | None:
     """Return the entry that ``path`` belongs to, or None for a path the format does not know."""
     path = path.strip("/")
-    for entry in ENTRIES:
+    alike = _ALIKE.get((path.split("/", 1)[0], path.count("/")), [])
+    for entry in alike:
         if entry.path == path:
             return entry
-    for entry in ENTRIES:
+    for entry in alike:
         if _fits(path, entry.path):
             return entry
     return None

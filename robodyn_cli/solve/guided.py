@@ -127,9 +127,8 @@ def regular_places(conditions: Sizes, F: Array, J: Array) -> tuple[Any, Array]:
     J = np.where(regular[:, None, None], J, 0.0)
     regular = regular & (np.abs(F / conditions.sizes).max(axis=1, initial=0.0) < conditions.same)
     scaled = J * conditions.lengths / conditions.sizes[:, None]
-    sigma = bands.singular_values(scaled)
-    regular = regular & (sigma[:, -1] > conditions.singular * sigma[:, 0])
-    return regular & (sigma.shape[1] == J.shape[2]), scaled
+    regular = regular & bands.full_rank(scaled, conditions.singular)
+    return regular & (J.shape[1] >= J.shape[2]), scaled
 
 
 @np.errstate(all="ignore")

@@ -59,6 +59,26 @@ def test_what_has_no_narrow_band_is_left_to_numpy_and_what_is_singular_or_not_fi
         bands.singular_values(singular)
 
 
+@pytest.mark.parametrize("shape", [(130, 130), (140, 120), (120, 140)])
+@pytest.mark.parametrize("ratio", [1e-8, 1e-4, 0.5])
+def test_full_rank_is_told_as_by_singular_values_which_few_matrices_need(shape, ratio, monkeypatch):
+    A = banded(*shape, seed=sum(shape), samples=8)
+    for k, small in enumerate((0.0, 1e-14, 1e-9, 1e-7, 1e-3)):
+        A[k, :, 5] *= small
+    A[6] *= 1e-170
+    A[7] *= 1e170
+    sigma, asked, own = np.linalg.svd(A, compute_uv=False), [], bands.singular_values
+    monkeypatch.setattr(bands, "singular_values", lambda A: asked.append(len(A)) or own(A))
+    full = bands.full_rank(A, ratio)
+    np.testing.assert_array_equal(full, sigma[:, -1] > ratio * sigma[:, 0])
+    if shape[0] >= shape[1] and ratio == 1e-8:
+        assert full[4:].all() and not full[:2].any()
+        assert sum(asked) <= 4, "none is found of those that are far from singular"
+    A[0, :, 3] = np.nan
+    with pytest.raises(np.linalg.LinAlgError):
+        bands.full_rank(A, ratio)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_determinant_is_the_product_of_those_of_its_blocks(seed):
     rng = np.random.default_rng(seed)

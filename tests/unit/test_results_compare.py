@@ -93,6 +93,29 @@ def test_lookup_finds_names_from_the_scene() -> None:
     assert catalogue.lookup("pointsx/tip") is None
 
 
+def test_lookup_asks_few_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those with the same first part and as many parts; large results hold thousands of paths."""
+    asked: list[str] = []
+    fits = catalogue._fits
+
+    def count(path: str, pattern: str) -> bool:
+        asked.append(pattern)
+        return fits(path, pattern)
+
+    monkeypatch.setattr(catalogue, "_fits", count)
+    entries = catalogue.ENTRIES
+    for entry in entries:
+        path = "/".join("a b" if len(x) > 1 and x.isupper() else x for x in entry.path.split("/"))
+        found = [one for one in entries if one.path == path] + [
+            one for one in entries if fits(path, one.path)
+        ]
+        assert catalogue.lookup(path) is found[0], path
+        assert catalogue.lookup(entry.path) is entry
+    assert len(asked) < 3 * len(entries)
+    asked.clear()
+    assert catalogue.lookup("points/tip") is not None and len(asked) <= 2
+
+
 def test_result_takes_what_is_missing_from_the_catalogue() -> None:
     result = Result("x", "", "ok", "")
     result.add("points/tip", np.zeros((2, 3)))
