@@ -36,6 +36,12 @@ def nothing() -> None: pass
 app()
 """
 
+CANVAS = """
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+FigureCanvasAgg(Figure()).draw()
+"""
+
 # the same imports, and as many figures of the same size with two lines of as many samples
 PLAIN = """
 import sys
@@ -143,6 +149,7 @@ def bench(folder: Path, environment: dict[str, str], repeats: int) -> list[dict[
         "inverse": command("inverse", str(SCENE), "--no-plots", out="inverse"),
         "simulate": command("simulate", str(CONFIGS / "double_pendulum.yaml"), "--no-plots", out="simulate"),
         "deploy": command("deploy", str(CONFIGS / "four_bar_deploy.yaml"), "--no-plots", out="deploy"),
+        "canvas": [python, "-c", CANVAS],
         plain: [python, "-c", PLAIN, str(folder / "plain"), str(current().dpi), *sizes],
         plots: command("inverse", str(SCENE), out="plots"),
     }
@@ -150,11 +157,12 @@ def bench(folder: Path, environment: dict[str, str], repeats: int) -> list[dict[
     described = {
         "imports": ("numpy, h5py, typer, yaml imported", "python", None, None),
         "empty": ("the same, and an empty command of typer", "python", "imports", None),
-        "inverse": ("2r_circle.yaml --no-plots", "robodyn inverse", "imports", 1.5),
+        "inverse": ("2r_circle.yaml --no-plots", "robodyn inverse", "imports", 1.1),
         "simulate": ("double_pendulum.yaml --no-plots", "robodyn simulate", "imports", None),
         "deploy": ("four_bar_deploy.yaml --no-plots", "robodyn deploy", "imports", None),
-        plain: (plain, "python", None, None),
-        plots: (f"2r_circle.yaml, {len(sizes)} plots", "robodyn inverse", plain, 1.5),
+        "canvas": ("matplotlib's Agg canvas imported and drawn empty", "python", None, None),
+        plain: (plain, "python", "canvas", None),
+        plots: (f"2r_circle.yaml, {len(sizes)} plots", "robodyn inverse", "canvas", 2.0),
     }
     for process in processes.values():
         run(process, environment)

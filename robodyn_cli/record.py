@@ -60,7 +60,10 @@ def _equip(cls: type[T], frozen: bool) -> type[T]:
         cls.__doc__ = cls.__name__  # else the signature is taken apart to make one
     described = _fields_of(cls)
     fields = tuple(described.values())
-    compared = _values([f.name for f in fields if f.compare])
+    names = [f.name for f in fields if f.compare]
+    compared: Callable[[Any], tuple[Any, ...]] = (
+        attrgetter(*names) if len(names) > 1 else lambda x: tuple([getattr(x, name) for name in names])
+    )
     methods: dict[str, Any] = {
         "__init__": _initialiser(cls, fields),
         "__repr__": _describer([f.name for f in fields if f.repr]),
@@ -147,13 +150,6 @@ def _describer(names: Sequence[str]) -> Method:
         return f"{type(self).__qualname__}({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     return __repr__
-
-
-def _values(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return what takes the tuple of these fields out of an instance."""
-    if len(names) > 1:
-        return attrgetter(*names)
-    return lambda self: tuple([getattr(self, name) for name in names])
 
 
 def _comparer(values: Callable[[Any], tuple[Any, ...]]) -> Method:

@@ -1,5 +1,5 @@
-"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for; and a count
-of compilations, which is read without loading LLVM.
+"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for; a count of
+compilations, which is read without loading LLVM; and the digest of the installed package, which is kept there too.
 
 An object file is machine code that runs with the user's rights. So a directory or file that belongs to another user, or
 that others may write, is left alone; links and special files are not followed; and each file starts with a digest of
@@ -9,6 +9,7 @@ its key and its code together, so a file that was damaged, swapped or brought fr
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import platform
@@ -20,6 +21,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from robodyn_cli.errors import OutputError
+from robodyn_cli.version import digest_of, files_below
 
 # instructions that take LLVM some seconds, in which no other thread of Python runs
 MANY = 20_000
@@ -70,6 +72,10 @@ PARTIAL = ".part"
 STALE = 3600.0  # age [s] from which on an unfinished file is left over from a process that was killed
 DIGEST = 32  # bytes of SHA-256
 SWEEPERS = "0"  # first digits of keys whose writing sweeps: one in sixteen, as a sweep looks at every file
+PACKAGE = str(Path(__file__).resolve().parent.parent)
+SETTLED = (
+    2_000_000_000  # age [ns] from which on a file that changes again has another time, on any file system
+)
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -159,6 +165,29 @@ class ObjectFile:
 
     def _digest(self, code: bytes) -> bytes:
         return hashlib.sha256(self.key.encode() + b"\0" + code).digest()
+
+
+@functools.cache
+def code_digest(root: str = PACKAGE) -> str:
+    """Return the SHA-256 of all files of the installed package, names included, hexadecimal (see ``digest_of``).
+
+    It is asked for when a result is written or compared, never at start-up, and kept beside compiled code: to look at
+    the files takes a third of reading them. As in the index of git, a file is what it was while its size, times and
+    place on the disk are; those that have just changed are read again.
+    """
+    now = time.time_ns()
+    status = [(path, os.stat(path)) for path in files_below(root)]
+    known = [(path, s.st_size, s.st_mtime_ns, s.st_ctime_ns, s.st_ino, s.st_dev) for path, s in status]
+    settled = all(now - max(s.st_mtime_ns, s.st_ctime_ns) > SETTLED for _, s in status)
+    folder = cache_directory() if settled else None
+    if folder is None:
+        return digest_of(root)
+    kept = ObjectFile(folder, hashlib.sha256(repr(known).encode()).hexdigest())
+    digest = kept.read()
+    if digest is None:
+        digest = digest_of(root).encode()
+        kept.write(digest)
+    return digest.decode()
 
 
 def contents(folder: Path) -> list[tuple[Path, os.stat_result]]:

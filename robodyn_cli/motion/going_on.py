@@ -27,6 +27,7 @@ from robodyn_cli.equations.control.taken_over import taken_over
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import ResultFileError, SceneError, did_you_mean
 from robodyn_cli.foreign import opened
+from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -38,7 +39,6 @@ from robodyn_cli.scene.checks.robot import columns
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
-from robodyn_cli.version import code_digest
 
 DOUBLE = np.dtype("<f8")
 

@@ -20,6 +20,7 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.kernels import cache as cache_module
 from robodyn_cli.kernels import compiler
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.version import digest_of
 
 ROOT = Path(robodyn_cli.__file__).resolve().parent.parent
 SCRIPT = """
@@ -344,3 +345,35 @@ def test_the_stack_of_every_function_is_aligned_for_vectors() -> None:
     assert len(heads) == text.count("define ") and all("alignstack(64)" in head for head in heads)
     placed = compiler.aligned('define internal double @f(double %a) nounwind section ".text.f" {')
     assert placed == 'define internal double @f(double %a) nounwind alignstack(64) section ".text.f" {'
+
+
+def test_the_digest_of_code_is_kept_while_files_are_what_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files are read again where one has changed, has just changed, or the cache is not one's own."""
+    package, read = tmp_path / "package", []
+    (package / "inner").mkdir(parents=True)
+    for name in ("a.py", "inner/b.py"):
+        (package / name).write_text(name)
+    monkeypatch.setattr(cache_module, "digest_of", lambda root: read.append(root) or digest_of(root))
+    monkeypatch.setenv("ROBODYN_CACHE", str(tmp_path / "cache"))
+
+    def reads() -> int:
+        read.clear()
+        assert cache_module.code_digest.__wrapped__(str(package)) == digest_of(str(package))
+        return len(read)
+
+    assert (reads(), reads()) == (1, 1), "these files are younger than two seconds"
+    monkeypatch.setattr(cache_module, "SETTLED", 0)
+    assert (reads(), reads()) == (1, 0)
+    status = (package / "a.py").stat()
+    (package / "a.py").write_text("b.py")
+    os.utime(package / "a.py", ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert (reads(), reads()) == (1, 0), "the same size and time of change, and other content"
+    (package / "inner" / "b.py").rename(package / "inner" / "c.py")
+    assert (reads(), reads()) == (1, 0)
+    for kept in (tmp_path / "cache").iterdir():
+        kept.write_bytes(kept.read_bytes()[:-1])
+    assert (reads(), reads()) == (1, 0), "a damaged file is not taken"
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    assert (reads(), reads()) == (1, 1)

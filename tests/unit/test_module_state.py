@@ -41,12 +41,14 @@ KEEPERS = {
     "integrators/methods/collocation_tables.py: gauss_table",
     "integrators/methods/collocation_tables.py: radau_table",
     "integrators/methods/stability_region.py: limits",
+    "kernels/cache.py: code_digest",
     "kernels/compiler.py: _llvm",
     "kernels/compiler.py: code_version",
     "kernels/compiler.py: machine",
     "kernels/rolled/recursion.py: make_recursion",
     "report/drawing/build.py: scene_of",
     "report/drawing/strokes.py: _lit",
+    "report/figures.py: _columns",
     "results/summary.py: cpu_name",
     "expr/units.py: of",
     "expr/units.py: table",
@@ -54,11 +56,11 @@ KEEPERS = {
     "over/sensitivity/motion/variational.py: integrals",
     "solve/extremes.py: _to_powers",
     "solve/quadrature.py: _weights",
+    "summaries/keys.py: _headlines",
     "summaries/keys.py: fields_at",
     "summaries/keys.py: leaf_of",
     "summaries/keys.py: leaves_of",
     "torques/checks.py: _hermite",
-    "version.py: code_digest",
 }
 # functions of libraries that change the process
 PROCESS = frozenset({

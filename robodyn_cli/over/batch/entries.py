@@ -13,6 +13,7 @@ from typing import Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import FAILED, ResultFileError, RobodynError, SceneError, worst
+from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.over.batch.criteria import EXIT_CODE, exit_code, judge
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run
@@ -20,7 +21,6 @@ from robodyn_cli.results.summary import read_summary, sha256
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.checks import BaselineReport, JudgedCriterion
-from robodyn_cli.version import code_digest
 
 
 @mutable_record

@@ -14,6 +14,7 @@ import numpy as np
 from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import Expectation, Variation
+from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.many.keys import Allowed, Key, key_unit, understand, value_of
 from robodyn_cli.over.study.rows import Task
@@ -27,7 +28,6 @@ from robodyn_cli.scene.nested_options import SearchOptions
 from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of, refusal
-from robodyn_cli.version import code_digest
 
 GOALS = ("minimise", "maximise", "reach")
 MOST_NAMED = 4  # targets

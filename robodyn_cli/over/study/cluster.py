@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, OutputError
+from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.over.study.rows import Points, RowFile, RunRows, Task, killed
 from robodyn_cli.over.study.runs import LARGEST_BLOCK, Compiled, SceneSource, Waiting, run_points, suits
 from robodyn_cli.record import record
-from robodyn_cli.version import __version__, code_digest
+from robodyn_cli.version import __version__
 
 EXTRA = "--scheduler needs the package distributed: pip install 'robodyn[cluster]'"
 CONNECT = 10.0  # s to wait for the scheduler and for a first worker

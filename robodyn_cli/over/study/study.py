@@ -13,6 +13,7 @@ import numpy as np
 from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import Variation
+from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
@@ -30,7 +31,6 @@ from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.summaries.keys import leaf_of, refusal
-from robodyn_cli.version import code_digest
 
 NO_NUMBERS = ("wall_time_s", "counters", "run_id")
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue
 from robodyn_cli.results import summary as provenance
@@ -24,7 +25,7 @@ from robodyn_cli.results.atomic import discard, output_errors, temporary_path, u
 from robodyn_cli.results.hdf5 import low
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps, jsonable
-from robodyn_cli.version import __version__, code_digest
+from robodyn_cli.version import __version__
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
