@@ -182,7 +182,9 @@ def code_digest(root: str = PACKAGE) -> str:
     folder = cache_directory() if settled else None
     if folder is None:
         return digest_of(root)
-    kept = ObjectFile(folder, hashlib.sha256(repr(known).encode()).hexdigest())
+    kept = ObjectFile(
+        folder, f"files-{hashlib.sha256(repr(known).encode()).hexdigest()}"
+    )  # no key that sweeps
     digest = kept.read()
     if digest is None:
         digest = digest_of(root).encode()
