@@ -132,6 +132,8 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     shown = name.replace("_", " ")
     if name == "joint_angles":
         shown = f"{position_word(' or '.join({units for _, units in keys}))}s"
+    if name == "tip_path":
+        shown = "coordinates of the named points"
     if name == "tracking":
         shown = "errors of tracking (reference less motion)"
     subtitle = f"{shown[:1].upper()}{shown[1:]} of {len(results)} results"

@@ -521,3 +521,16 @@ def test_without_a_script_figures_stand_there_and_nothing_is_asked(tmp_path: Pat
     assert page.locator(".sided").is_visible() and page.locator("nav.results a").first.is_visible()
     assert page.locator(":is(select, input, button):visible").count() == 0
     context.close()
+
+
+def test_pictures_and_digests_fit_a_phone(opened: Opener, tmp_path: Path) -> None:
+    result = inverse(load_scene("configs/2r_circle.yaml"), samples=101)
+    result.attributes["robodyn_code_sha256"] = "0123456789abcdef" * 4
+    write_page([Shown("arm", result)], tmp_path / "page.html")
+    page = opened(tmp_path / "page.html", viewport={"width": 400, "height": 800})
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    for selector in ("svg.picture", ".hash"):
+        for box in page.locator(selector).all():
+            place = box.bounding_box()
+            assert place is not None and place["x"] >= 0.0 and place["x"] + place["width"] <= 400.0, selector
+    assert page.locator("svg.picture").count() and page.locator(".hash").count() == 1

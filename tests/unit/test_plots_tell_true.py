@@ -173,3 +173,11 @@ def test_examples_have_lines(name: str) -> None:
 def test_an_example_with_few_samples_has_dots() -> None:
     result = functions["simulate"](load_scene(CONFIGS / "double_pendulum.yaml", ["simulate.samples=41"]))
     assert is_sparse(result) and drawn(draw(result, "joint_angles"))[0] == 0
+
+
+def test_coordinates_of_several_results_are_not_called_a_path() -> None:
+    said = [
+        text.get_text()
+        for text in draw_over({"a": pendulum_result(51), "b": pendulum_result(51)}, "tip_path").texts
+    ]
+    assert any(text.startswith("Coordinates of the named points of 2 results") for text in said)

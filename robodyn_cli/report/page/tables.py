@@ -138,7 +138,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | Non
 
 def _cell(value: Any, aligned: bool) -> Html:
     """Return a cell; numbers of columns that are to be compared are ``aligned`` to the right."""
-    return element("td", written(value), class_="number" if aligned and _is_plain_number(value) else None)
+    text = value if isinstance(value, Html) else written(value)
+    return element("td", text, class_="number" if aligned and _is_plain_number(value) else None)
 
 
 def _is_plain_number(value: Any) -> bool:
@@ -184,6 +185,11 @@ def plan_tables(plan: Mapping[str, Any]) -> list[Html]:
     return [table(("", ""), [fact for fact in facts if fact[1] is not None]), *parts]
 
 
+def _hash(digest: Any) -> Html | None:
+    """Return a digest that takes several lines where there is no room for it."""
+    return None if digest is None else element("span", str(digest), class_="hash")
+
+
 def provenance_table(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> Html:
     """Return where a result is from: file of the scene, version, processor, libraries, seconds."""
     versions = attributes.get("versions")
@@ -191,7 +197,7 @@ def provenance_table(summary: Mapping[str, Any], attributes: Mapping[str, Any]) 
         ("scene file", summary.get("scene_file")),
         ("run", attributes.get("run_id")),
         ("robodyn", attributes.get("robodyn_version")),
-        ("code of robodyn (SHA-256)", attributes.get("robodyn_code_sha256")),
+        ("code of robodyn (SHA-256)", _hash(attributes.get("robodyn_code_sha256"))),
         ("processor", attributes.get("cpu")),
         *((versions or {}).items() if isinstance(versions, Mapping) else ()),
     ]
