@@ -160,6 +160,16 @@ def test_broken_syntax_names_the_line(text: str, line: int) -> None:
     assert error.details["line"] == line
 
 
+@pytest.mark.parametrize(
+    "text", ["<robot name='arm'/>", '<?xml version="1.0"?>\n<sdf version="1.7">', "\n<!-- a: b -->"]
+)
+def test_robots_of_other_formats_are_no_scenes(text: str) -> None:
+    assert (
+        complaint(text).message.startswith(f"{FILE}:1:1: this is XML; ")
+        and "robot: FILE" in complaint(text).message
+    )
+
+
 def test_half_a_surrogate_pair() -> None:
     check_place("a: 1\nb: x§\ud800", "", "surrogate")
 

@@ -29,6 +29,7 @@ MAX_ALIASED_NODES = 100_000
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TAG = "tag:yaml.org,2002:"
+_XML = re.compile(r"[\s\ufeff]*<[?!A-Za-z]")
 
 
 def read_text(path: str, place: nodes.Node | None, key: str, shown_as: str) -> str:
@@ -84,6 +85,12 @@ def compose(
     """
     start: nodes.Node = nodes.Scalar(source, 1, 1, "", None)
     key = nodes.dotted(path)
+    if not path and _XML.match(text):
+        raise nodes.located(
+            start,
+            key,
+            "this is XML; allowed: a scene in YAML, which names a URDF, SDF or MJCF as robot: FILE",
+        )
     try:
         text.encode("utf-8")
     except UnicodeEncodeError as error:
