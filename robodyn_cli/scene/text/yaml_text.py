@@ -26,6 +26,7 @@ MAX_BYTES = 10_000_000
 MAX_DEPTH = 50
 TOO_DEEP = f"nested more than {MAX_DEPTH} levels deep"
 MAX_ALIASED_NODES = 100_000
+IS_XML = "this is XML; allowed: a scene in YAML, which names a URDF, SDF or MJCF as robot: FILE"
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TAG = "tag:yaml.org,2002:"
@@ -86,11 +87,7 @@ def compose(
     start: nodes.Node = nodes.Scalar(source, 1, 1, "", None)
     key = nodes.dotted(path)
     if not path and _XML.match(text):
-        raise nodes.located(
-            start,
-            key,
-            "this is XML; allowed: a scene in YAML, which names a URDF, SDF or MJCF as robot: FILE",
-        )
+        raise nodes.located(start, key, IS_XML)
     try:
         text.encode("utf-8")
     except UnicodeEncodeError as error:
@@ -104,16 +101,12 @@ def compose(
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         reason = ", ".join(part for part in (error.context, error.problem) if part)
-        if (
-            mark
-            and text.splitlines()[mark.line : mark.line + 1]
-            and text.splitlines()[mark.line][mark.column :][:1] == "\t"
-        ):
+        line = "".join(text.splitlines()[mark.line : mark.line + 1]) if mark else ""
+        if mark and line[mark.column : mark.column + 1] == "\t":
             reason = "a tab begins a token here; allowed: spaces to indent a line"
         place = nodes.Scalar(source, mark.line + 1, mark.column + 1, "", None) if mark else start
-        if (
-            "nesting depth" in reason
-        ):  # a limit of newer parsers, which read ahead of the events that are counted here
+        # a limit of newer parsers, which read ahead of the events that are counted here
+        if "nesting depth" in reason:
             raise nodes.located(place, key, TOO_DEEP) from None
         raise nodes.located(place, key, f"this is not YAML: {reason}") from None
     except yaml.reader.ReaderError as error:
