@@ -534,3 +534,14 @@ def test_pictures_and_digests_fit_a_phone(opened: Opener, tmp_path: Path) -> Non
             place = box.bounding_box()
             assert place is not None and place["x"] >= 0.0 and place["x"] + place["width"] <= 400.0, selector
     assert page.locator("svg.picture").count() and page.locator(".hash").count() == 1
+
+
+def test_a_curve_in_two_panels_has_two_values(opened: Opener, tmp_path: Path) -> None:
+    result = inverse(load_scene("configs/2r_circle.yaml"), samples=101)
+    write_page([Shown("arm", result)], tmp_path / "page.html")
+    figure = opened(tmp_path / "page.html").locator("figure.plot", has_text="Point coordinates")
+    figure.scroll_into_view_if_needed()
+    figure.locator(".chart svg").first.wait_for()
+    told = figure.locator(".legend li span").first.inner_text().split("; ")
+    # x and y of the tip at the start
+    assert [float(x.replace("−", "-")) for x in told] == pytest.approx(result["points/tip"][0, :2], rel=1e-4)

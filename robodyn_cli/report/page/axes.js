@@ -60,6 +60,7 @@ function extent(lines, [from, to]) {
 function between(line, time) {
   const k = countUpTo(line.x, time);
   if (k === 0) return NaN;
+  if (Number.isNaN(line.y[k - 1]) && line.x[k - 2] === time) return line.y[k - 2]; // at a sample before a gap
   if (k === line.x.length) return time <= line.x[k - 1] * (1 + 1e-9) ? line.y[k - 1] : NaN;
   const part = (time - line.x[k - 1]) / (line.x[k] - line.x[k - 1]);
   return line.y[k - 1] + part * (line.y[k] - line.y[k - 1]);

@@ -218,14 +218,16 @@ class Chart {
 
   /* Write the values at the cursor beside the names in the legend, or above a panel without one. */
   read() {
-    const told = this.values.map(() => "");
-    const order = this.hovered === null ? this.panels : [this.panels[this.hovered], ...this.panels];
+    const told = this.values.map(() => []), order = this.hovered === null ? this.panels : [this.panels[this.hovered], ...this.panels];
     for (const own of order) {
       for (const line of this.curves(own)) {
-        if (Number.isInteger(line.entry) && told[line.entry] === "") told[line.entry] = text(this.value(line) * own.factor, READ);
+        if (!Number.isInteger(line.entry)) continue;
+        const value = text(this.value(line) * own.factor, READ), of = told[line.entry];
+        // a curve in several panels has a value in each; one that is pointed at is read alone
+        if (this.hovered === null ? !of.includes(value) : !of.length) of.push(value);
       }
     }
-    this.values.forEach((output, k) => { output.textContent = told[k]; });
+    this.values.forEach((output, k) => { output.textContent = told[k].join("; "); });
     if (this.values.length) return;
     for (const own of this.panels) own.readout.textContent = this.curves(own).slice(-1).map((line) => text(this.value(line) * own.factor, READ)).join("");
   }

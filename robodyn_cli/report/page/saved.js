@@ -17,14 +17,15 @@ function tableOf(chart) {
   for (const own of chart.panels) {
     const unit = (/\[[^\]]*\]$/.exec(own.panel.label) || [""])[0];
     for (const line of own.lines) {
-      if (line.spans[0] || line.spans[1]) continue;
+      if (line.spans[0] || line.spans[1] || (line.marker === "." && !Number.isInteger(line.entry))) continue; // dots are of lines
       const entry = chart.data.legend[line.of ?? line.entry], name = entry ? `${entry.text}${own.panel.less || ""} ${unit}` : own.panel.label;
       const title = [chart.data.panels.length > 1 && own.panel.title, name, line.beside && "(kept)", Number.isInteger(line.entry) || !entry ? null : line.width ? "(beside)" : "(marks)"].filter(Boolean).join(" ").trim();
       for (let k = 0; k < line.x.length; k++) {
         const time = line.x[k];
         if (!(time >= own.span[0] && time <= own.span[1])) continue;
         if (!rows.has(time)) rows.set(time, []);
-        rows.get(time)[columns.length] = digitsOf(line.y, k);
+        const row = rows.get(time), isGap = Number.isNaN(line.y[k]) && row[columns.length] !== undefined;
+        if (!isGap) row[columns.length] = digitsOf(line.y, k);
       }
       columns.push(title);
     }
