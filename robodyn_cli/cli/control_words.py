@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.words import error_text, number, table
+from robodyn_cli.cli.words import error_text, number, stated, table
 from robodyn_cli.summaries.control import OWN_GAINS, is_diagonal
 
 MOST_ROWS = 12  # of a table
@@ -63,7 +63,7 @@ def gains_table(gains: Mapping[str, Mapping[str, float]], control: Mapping[str, 
     lines = [head]
     for name in names:
         cells = [
-            number(gains[row][name]) + _off(None if errors is None else errors[row][name]) for row in shown
+            stated(gains[row][name], (None if errors is None else errors[row][name]) or None) for row in shown
         ]
         lines.append([f"{name} [{of[name]}]", *cells])
     hidden = ((len(columns) - len(names), "columns"), (len(rows) - len(shown), "rows"))
@@ -83,10 +83,6 @@ def _diagonal(gains: Mapping[str, Mapping[str, float]], units: Mapping[str, str]
     ]
     more = f"\n  ... and {n - MOST_ROWS} more in summary.json" if n > MOST_ROWS else ""
     return "\n" + table([head, *lines[:MOST_ROWS]]) + more
-
-
-def _off(error: float | None) -> str:
-    return "" if not error else f" +- {error_text(error)}"
 
 
 def pole_text(pole: Mapping[str, Any]) -> str:

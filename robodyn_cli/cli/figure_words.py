@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from robodyn_cli.cli.words import table
+from robodyn_cli.cli.words import table, typed
 from robodyn_cli.report.cells import Figure, Table, is_number
 from robodyn_cli.report.figures import declared, errors, headlines
 from robodyn_cli.results.result import Result
@@ -21,7 +21,7 @@ def figure_lines(result: Result, verbose: bool) -> list[str]:
         if any(one.head):
             lines += _rows(one, verbose)
         else:
-            lines += [f"  {words!s:<18} {_typed(str(value))}" for words, value in one.rows]
+            lines += [f"  {words!s:<18} {typed(str(value))}" for words, value in one.rows]
     return lines + _error_lines(result, verbose)
 
 
@@ -51,10 +51,10 @@ def _rows(one: Table, verbose: bool) -> list[str]:
         units = {cell.unit for cell in column if isinstance(cell, Figure) and cell.value is not None}
         if len(units) == 1:  # it stands in the heading
             heads.append(f"{head}{''.join(f' [{unit}]' for unit in units - {'', '1'})}")
-            cells.append([_typed(cell.number if isinstance(cell, Figure) else cell) for cell in column])
+            cells.append([typed(cell.number if isinstance(cell, Figure) else cell) for cell in column])
         else:
             heads.append(head)
-            cells.append([_typed(str(cell)) for cell in column])
+            cells.append([typed(str(cell)) for cell in column])
     lines = [table([heads, *zip(names, *cells)])]
     if len(shown) < len(one.rows):
         lines.append(f"  ... and {len(one.rows) - len(shown)} more with smaller {one.head[1]}; -v tells all")
@@ -69,8 +69,3 @@ def _largest(rows: Sequence[Sequence[str | Figure]]) -> Sequence[Sequence[str | 
     sizes = [abs(x) if x is not None and is_number(x) else 0.0 for x in firsts]
     kept = sorted(range(len(rows)), key=lambda k: -sizes[k])[:MOST_ROWS]
     return [rows[k] for k in sorted(kept)]
-
-
-def _typed(text: str) -> str:
-    """Return a figure as it is typed; not every terminal has a sign for plus or minus."""
-    return text.replace("±", "+-")

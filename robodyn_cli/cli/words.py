@@ -118,9 +118,16 @@ def error_text(error: float) -> str:
     return f"{rounded_up(error):.1e}"
 
 
-def bound_text(error: float | None) -> str:
-    """Return an error behind its figure, where it is known."""
-    return "" if error is None else f" +- {error_text(error)}"
+def stated(value: Any, error: Any = None) -> str:
+    """Return a number with its error, where that is known, as all that shows results writes them."""
+    from robodyn_cli.report.cells import Figure  # where a number is printed
+
+    return typed(Figure(value, error).number)
+
+
+def typed(text: str) -> str:
+    """Return a figure as it is typed; not every terminal has a sign for plus or minus."""
+    return text.replace("±", "+-")
 
 
 def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
@@ -234,14 +241,12 @@ def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return the lines about margins of motorisation: of each driven joint the least ratio, where, and whether it
     suffices."""
     joints: Mapping[str, Mapping[str, Any]] = summary.get("motorisation", {})
-    rows = [["driven joint", "ratio", "", "required", "at [s]", "position", "decides", "verdict"]]
+    rows = [["driven joint", "ratio", "required", "at [s]", "position", "decides", "verdict"]]
     for name, one in joints.items():
-        error = one["errors"]["ratio"]
         rows.append(
             [
                 name,
                 _ratio_words(one),
-                "" if one["ratio"] is None or error is None else f"+- {error_text(error)}",
                 number(one["required"], 4),
                 number(one["time"], 5),
                 number(one.get("angle"), 5),
@@ -255,7 +260,7 @@ def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
 def _ratio_words(one: Mapping[str, Any]) -> str:
     if one["ratio"] is None:
         return "nothing resists" if one["met"] else "drives back"
-    return number(one["ratio"], 6)
+    return stated(one["ratio"], one["errors"]["ratio"])
 
 
 def margin_text(margin: float) -> str:
@@ -280,7 +285,7 @@ def _below(value: Any, path: tuple[str, ...]) -> Any:
 
 
 def _with_error(figures: Mapping[str, Any], key: str) -> str:
-    return f"{number(figures[key])}{bound_text(figures['errors'].get(key))}"
+    return stated(figures[key], figures["errors"].get(key))
 
 
 def balance_lines(summary: Mapping[str, Any]) -> list[str]:
@@ -298,10 +303,9 @@ def balance_lines(summary: Mapping[str, Any]) -> list[str]:
         )
     if wheel := summary.get("flywheel"):
         lines.append(
-            f"  flywheel           {number(wheel['inertia'])} kg m^2 (+- {error_text(wheel['errors']['inertia'])}) on "
+            f"  flywheel           {_with_error(wheel, 'inertia')} kg m^2 on "
             f"{wheel['joint']}, takes up {_with_error(wheel, 'energy')} J"
         )
     for name, one in (summary.get("fluctuation") or {}).items():
-        error = "" if one["error"] is None else f" (+- {error_text(one['error'])})"
-        lines.append(f"  fluctuation        {name}: {number(one['coefficient'])}{error}")
+        lines.append(f"  fluctuation        {name}: {stated(one['coefficient'], one['error'])}")
     return lines

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from robodyn_cli.cli.words import error_text, stated
 from robodyn_cli.results.hdf5 import read
-from tests.cli.tool import files, invoke, start
+from tests.cli.tool import CONFIGS, files, invoke, start
 from tests.unit.test_search import ARM, STIFFNESS
 
 VARY = ("--vary", f"{STIFFNESS}=uniform(10, 500)")
@@ -124,3 +125,13 @@ def test_an_interrupted_search_keeps_its_runs_and_goes_on(scene: Path, tmp_path:
     done = invoke(*words)
     assert done.code == 0 and "runs are there from an earlier search" in done.err
     assert not kept.exists()
+
+
+def test_the_terminal_says_within_what_a_target_is_met(tmp_path: Path) -> None:
+    scene = CONFIGS / "search" / "spring_balance.yaml"
+    done = invoke("optimise", scene, "--no-plots", "--starts", "1", "--out", tmp_path / "out")
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    key, output = found["keys"]["forces.spring.stiffness"], found["figures"]["peak_torque.arm"]
+    assert f"0 (met, within {error_text(output['tolerance'])})" in done.out
+    assert f"  {stated(key['value'], key['uncertainty'])}  N/m" in done.out
+    assert f"with exact derivatives at {found['search']['derivatives']} points" in done.out

@@ -6,6 +6,7 @@ from typing import Any
 
 from robodyn_cli.cli.commands import deploy, simulate
 from robodyn_cli.cli.latch_words import latch_lines, payload_lines
+from robodyn_cli.cli.words import stated
 from robodyn_cli.errors import plural_of
 from robodyn_cli.expr.statements import parse_expectation
 from robodyn_cli.over.commands import execute
@@ -47,8 +48,11 @@ def test_closings_have_the_unit_of_what_is_held() -> None:
     summary = execute("deploy", drawer(), no_progress, Stopwatch()).summary
     lines = {line.split()[0]: line for line in latch_lines(summary)}
     assert list(lines)[:2] == ["turn", "k"], "in the order of their times"
-    assert lines["k"].endswith(" N s") and f"closes at t = {summary['locks']['k']['time']:.9g}" in lines["k"]
+    assert lines["k"].endswith(" N s") and f"closes at t = {summary['locks']['k']['time']:.5f}" in lines["k"]
     assert lines["turn"].endswith(" N m s")
+    energy = summary["locks"]["k"]
+    assert f"energy lost {stated(energy['energy_lost'], energy['errors']['energy_lost'])} J" in lines["k"]
+    assert lines["k"].count("+-") == 3, "time, energy, impulse"
     assert lines["far"].endswith(" rad off") and lines["long"].endswith(" m off")
     assert lines["never"].endswith(" off") and not lines["never"].endswith(("m off", "rad off"))
     assert "\n".join(latch_lines(summary)) in deploy.describe(summary)
@@ -75,7 +79,7 @@ def test_a_landing_is_told_with_its_range() -> None:
         "payloads": {"stone": {"landing": landing, "release": {"energy": 158.3}}, "held": {}}
     }
     (line,) = payload_lines(summary)
-    assert "range 14.4172 +- 2.5e-13 m, up to 0.724 m" in line and line.startswith("  stone")
+    assert "range 14.4172000000000 +- 3e-13 m, up to 0.724 m" in line and line.startswith("  stone")
 
 
 def test_plurals() -> None:

@@ -10,11 +10,11 @@ from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFil
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
-    bound_text,
     cost_lines,
     motorisation_lines,
     multiplier_lines,
     number,
+    stated,
 )
 
 
@@ -44,8 +44,8 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
     if verbose and (growth := criteria.get("growth_times", {})):
         fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
         dead = criteria.get("dead_point")
-        bound = bound_text(criteria["errors"].get("dead_point"))
-        where = f"dead point at {dead:.9g}{bound} s" if dead is not None else "no dead point"
+        when = stated(dead, criteria["errors"].get("dead_point"))
+        where = f"dead point at {when} s" if dead is not None else "no dead point"
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [
         *payload_lines(summary),
@@ -65,8 +65,9 @@ def _latches(summary: Mapping[str, Any], verbose: bool) -> list[str]:
     end, why, lock = f"{number(termination.get('time'), 9)} s", termination["reason"], summary.get("lock")
     if status == "locked" and lock:
         later = "" if lock["time"] == termination["time"] else f"; the run ends at t = {end}"
-        end, why = f"{number(lock['time'], 9)}{bound_text(lock.get('time_error'))} s", f"{why}{later}"
-    lines = [f"  {verb:<18} t = {end}  ({why})"]
+        lines = [f"  {verb:<18} {why}{later}"]  # the time is a headline
+    else:
+        lines = [f"  {verb:<18} t = {end}  ({why})"]
     whole = verbose or status != "locked"
     return [*lines, *(latch_lines(summary) if whole else open_lines(summary))]
 
@@ -76,11 +77,11 @@ def _after_lock(summary: Mapping[str, Any]) -> list[str]:
     lines = []
     after = summary.get("after_lock")
     if after and after.get("latch"):
-        latch = after["latch"]
+        latch, errors = after["latch"], after["latch"].get("errors", {})
+        moment, force = (stated(latch[key], errors.get(key)) for key in ("peak_moment", "peak_force"))
         lines.append(
             f"  locked structure   {after['degrees_of_freedom']} degrees of freedom, followed to t = "
-            f"{number(after['until'])} s; load of the latch up to {number(latch['peak_moment'])} N m and "
-            f"{number(latch['peak_force'])} N"
+            f"{number(after['until'])} s; load of the latch up to {moment} N m and {force} N"
         )
     over = summary.get("termination", {}).get("overload")
     if over:

@@ -8,11 +8,11 @@ from typing import Any
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
-    bound_text,
     error_text,
     mobility_lines,
     motorisation_lines,
     number,
+    stated,
 )
 
 
@@ -33,23 +33,21 @@ def _design_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return what kinematic design tells beside extremes."""
     design, lines = summary.get("design") or {}, []
     for name, one in (design.get("four_bars") or {}).items():
-        lines.append(
-            f"  four-bar           {name}: {one['type']} on {one['ground']}, margin {number(one['margin'])} m"
-            f" (+- {error_text(one['margin_error'])})"
-        )
+        margin = stated(one["margin"], one["margin_error"])
+        lines.append(f"  four-bar           {name}: {one['type']} on {one['ground']}, margin {margin} m")
         for joint, ends in one["joints"].items():
             if ends["lower"] is not None:
                 lines.append(
-                    f"    {joint}: dead points at {number(ends['lower'])} and {number(ends['upper'])}"
-                    f"{bound_text(ends['error'])}{_nearest(ends['distance'], ends['distance_error'])}"
+                    f"    {joint}: dead points at {stated(ends['lower'], ends['error'])} and "
+                    f"{stated(ends['upper'], ends['error'])}{_nearest(ends['distance'], ends['distance_error'])}"
                 )
     for name, points in (design.get("dead_points") or {}).items():
         lines.append(
             f"  dead points        {name}: at t = "
-            f"{', '.join(number(one['time']) + bound_text(one['time_error']) for one in points)} s"
+            f"{', '.join(stated(one['time'], one['time_error']) for one in points)} s"
         )
     for path, one in (design.get("unbounded") or {}).items():
-        times = f"{', '.join(map(number, one['times']))}{bound_text(one['error'])}"
+        times = ", ".join(stated(time, one["error"]) for time in one["times"])
         when = "at all times" if one["throughout"] else f"at t = {times} s"
         lines.append(f"  unbounded          {path}: {when}")
     return lines
@@ -60,9 +58,9 @@ def _nearest(distance: float | None, error: float | None) -> str:
     if distance is None:
         return ""
     if abs(distance) <= (error or 0.0):
-        return f", reached by the motion{bound_text(error)}"
+        return f", reached by the motion within {error_text(error or 0.0)}"
     beyond = "gone beyond by" if distance < 0.0 else "motion within"
-    return f", {beyond} {number(abs(distance), 4)}{bound_text(error)}{' of one' if distance > 0.0 else ''}"
+    return f", {beyond} {stated(abs(distance), error)}{' of one' if distance > 0.0 else ''}"
 
 
 EXAMPLES = (

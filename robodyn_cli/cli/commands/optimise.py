@@ -20,10 +20,9 @@ from robodyn_cli.cli.options import (
     variations,
 )
 from robodyn_cli.cli.runner import begun, output, publish, show, store
+from robodyn_cli.cli.words import error_text, stated, table
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.cli.words import table
 from robodyn_cli.errors import OF_STATUS, SceneError
-from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.threads import cores
 
 if TYPE_CHECKING:
@@ -198,25 +197,24 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     effort = summary["search"]
     lines = [summary["title"], f"  goal               {summary['goal']}"]
     failed = ", ".join(f"{count} with exit code {code}" for code, count in effort["failures"].items())
-    derived = f", {effort['derivatives']} exact derivatives" if effort["derivatives"] else ""
+    derived = f", with exact derivatives at {effort['derivatives']} points" if effort["derivatives"] else ""
     lines.append(
         f"  search             {effort['runs']} runs of {summary['of']}{derived}, {effort['starts']} starts, "
         f"{effort['seconds']:.3g} s" + (f"; failed: {failed}" if failed else "")
     )
-    rows = [["key", "value", "+-", "unit", "bounds", "price of the bound"]]
+    rows = [["key", "value", "unit", "bounds", "price of the bound"]]
     for name, key in summary["keys"].items():
         bounds = key.get("choices") or key["bounds"]
         at = f" ({key['at']})" if "at" in key else ""
-        rows.append([name, shown(key["value"], 12), _error(key["uncertainty"]), _unit(key["unit"]), bounds + at,
+        rows.append([name, _number(key["value"], key["uncertainty"]), _unit(key["unit"]), bounds + at,
                      _priced(key)])  # fmt: skip
     lines.append(table(rows))
-    rows = [["output", "value", "+-", "unit", "asked for", "price of the limit"]]
+    rows = [["output", "value", "unit", "asked for", "price of the limit"]]
     for name, found in summary["figures"].items():
         rows.append(
             [
                 name,
-                shown(found["value"], 12),
-                _error(found["error"]),
+                _number(found["value"], found["error"]),
                 _unit(found["unit"]),
                 *_asked(summary, name),
             ]
@@ -244,7 +242,8 @@ def _asked(summary: Mapping[str, Any], name: str) -> tuple[str, str]:
     """Return what is asked for of an output, and what its limit costs."""
     found, limit = summary["figures"][name], summary["limits"].get(name)
     if "target" in found:
-        return found["target"] + (" (met)" if found.get("met") else " (missed)"), ""
+        within = f", within {error_text(found['tolerance'])}" if "tolerance" in found else ""
+        return found["target"] + (f" (met{within})" if found.get("met") else f" (missed{within})"), ""
     if limit is None:
         return summary["goal"].partition(" ")[0], ""
     held = "" if limit["holds"] else " (broken)"
@@ -254,11 +253,12 @@ def _asked(summary: Mapping[str, Any], name: str) -> tuple[str, str]:
 def _priced(facts: Mapping[str, Any]) -> str:
     if "price" not in facts:
         return ""
-    return f"{shown(facts['price'])} +- {_error(facts['price_error'])}"
+    return stated(facts["price"], facts["price_error"])
 
 
-def _error(error: float | None) -> str:
-    return "-" if error is None else f"{rounded_up(error):.2g}"
+def _number(value: float | None, error: float | None) -> str:
+    """Return a figure, with many digits where its error is not known."""
+    return shown(value, 12) if error is None else stated(value, error)
 
 
 def _unit(unit: str) -> str:

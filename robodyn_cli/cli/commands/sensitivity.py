@@ -12,8 +12,7 @@ from robodyn_cli.cli import offers
 from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.cli.words import table
-from robodyn_cli.summaries.facts import rounded_up
+from robodyn_cli.cli.words import stated, table
 from robodyn_cli.threads import cores
 
 MOST_REASONS = 6  # shown on the terminal
@@ -71,11 +70,11 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     reasons: dict[str, list[str]] = {}
     for name, slopes in summary["sensitivities"].items():
         lines += ["", _head(name, summary["nominal"][name])]
-        rows = [["key", "value", "derivative", "+-", "unit", "normalised", "method"]]
+        rows = [["key", "value", "derivative", "unit", "normalised", "method"]]
         for key, slope in slopes.items():
             value = shown(summary["keys"][key]["value"])
             rows.append([
-                key, value, shown(slope["derivative"], 9), _error(slope["error"]), slope["unit"],
+                key, value, stated(slope["derivative"], slope["error"]), slope["unit"],
                 shown(slope["normalised"], 4), slope["method"],
             ])  # fmt: skip
             if "reason" in slope and key not in reasons.setdefault(slope["reason"], []):
@@ -88,11 +87,6 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     return "\n".join(lines)
 
 
-def _error(error: float | None) -> str:
-    return "-" if error is None else f"{rounded_up(error):.2g}"
-
-
 def _head(name: str, facts: Mapping[str, Any]) -> str:
     unit = "" if facts["unit"] in ("", "1") else f" {facts['unit']}"
-    error = "" if facts.get("error") is None else f" +- {_error(facts['error'])}"
-    return f"  {name} = {facts['value']:.9g}{error}{unit}"
+    return f"  {name} = {stated(facts['value'], facts.get('error'))}{unit}"

@@ -8,13 +8,13 @@ from typing import Any
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
-    bound_text,
     coordinate_table,
     error_text,
     holding_lines,
     mobility_lines,
     multiplier_lines,
     number,
+    stated,
 )
 from robodyn_cli.summaries.facts import LOAD, OWN, STIFFNESS
 
@@ -46,11 +46,14 @@ def _stiffness(summary: Mapping[str, Any]) -> str:
     facts = summary["equilibrium"]
     if not facts["stiffness"]:
         return ""
-    values = ", ".join(str(complex(*x)) if isinstance(x, list) else number(x) for x in facts["stiffness"])
+    error = facts["stiffness_error"]
+    values = ", ".join(
+        str(complex(*x)) if isinstance(x, list) else stated(x, error) for x in facts["stiffness"]
+    )
     free = [unit for name, unit in summary["units"].items() if name not in facts.get("holding", {})]
     kinds = {"rad" if unit == "1" else unit for unit in free}  # coordinates of an attitude have the unit 1
     unit = STIFFNESS(kinds.pop() if len(kinds) == 1 else "")
-    return f"; reduced stiffness {values}{bound_text(facts['stiffness_error'])} {unit}"
+    return f"; reduced stiffness {values} {unit}"
 
 
 EXAMPLES = (

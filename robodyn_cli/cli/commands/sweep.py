@@ -15,7 +15,7 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, utf8, variations
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.cli.words import table
+from robodyn_cli.cli.words import stated, table
 from robodyn_cli.commands import SAMPLERS
 from robodyn_cli.errors import FAILED, SceneError
 from robodyn_cli.threads import cores
@@ -265,7 +265,6 @@ def _spreads(summary: Mapping[str, Any]) -> list[str]:
 def _with_error(summary: Mapping[str, Any], key: str) -> str:
     """Return a figure and the largest of the errors that its declaration names."""
     from robodyn_cli.over.batch.criteria import lookup_number
-    from robodyn_cli.report.cells import figure
     from robodyn_cli.summaries.keys import leaf_of
 
     value, leaf = lookup_number(summary, key), leaf_of("sweep", key)
@@ -278,7 +277,7 @@ def _with_error(summary: Mapping[str, Any], key: str) -> str:
     ]
     if not errors:
         return shown(value)
-    return figure(value, max(errors)).replace("±", "+-")
+    return stated(value, max(errors))
 
 
 def _unit(unit: str) -> str:
