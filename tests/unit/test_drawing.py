@@ -17,8 +17,10 @@ from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, load_
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Graph, free_symbols
-from robodyn_cli.report.drawing import paper, symbols
-from robodyn_cli.report.drawing.build import make_drawing, paths_of
+from robodyn_cli.model.build import build_model
+from robodyn_cli.report.drawing import build, paper, symbols
+from robodyn_cli.report.drawing.bodies import traced_bodies
+from robodyn_cli.report.drawing.build import make_drawing, paths_of, problem_of
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.parts import cuboid
 from robodyn_cli.report.drawing.places import KnownNodes, along_motion, motion_between, nearest
@@ -379,6 +381,23 @@ def test_places_that_are_no_numbers_are_left_out() -> None:
         result["q"][:] = value
         view = fitted(make_drawing(result))
         assert (painted(view, 0) != 255).any(), value  # the ground is there all the same
+
+
+def test_all_drawings_of_a_result_have_one_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    built: list[str] = []
+
+    def count(scene: Any, *args: Any) -> Any:
+        built.append(scene.title)
+        return build_model(scene, *args)
+
+    monkeypatch.setattr(build, "build_model", count)
+    result = inverse(load_scene(Path("configs") / "2r_circle.yaml"), samples=11)
+    build._model_of.cache_clear()
+    built.clear()
+    first, second = make_drawing(result), make_drawing(result)
+    assert paths_of(result) and traced_bodies(result, np.arange(3)) and len(built) == 1
+    np.testing.assert_array_equal(first.vertices, second.vertices)
+    assert problem_of(result.scene_text).graph is not problem_of(result.scene_text).graph
 
 
 def test_results_without_poses_say_so() -> None:

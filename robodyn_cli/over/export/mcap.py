@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.observe.places import quaternions
-from robodyn_cli.report.drawing.build import scene_of
+from robodyn_cli.report.drawing.build import problem_of
 from robodyn_cli.results.atomic import output_errors, written
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -150,7 +149,7 @@ def _transforms(result: Result) -> Iterator[Message]:
 
 def _poses(result: Result) -> dict[str, tuple[Array, Array]]:
     """Return positions (T, 3) [m] and unit quaternions (T, 4), scalar first, of links and frames in the world."""
-    problem = Problem(scene_of(result.scene_text))
+    problem = problem_of(result.scene_text)
     functions, poses = ModelFunctions(problem), {}
     for name in {**problem.model.links, **problem.model.frames}:
         p, R = functions.forward_kinematics(name, result["q"])

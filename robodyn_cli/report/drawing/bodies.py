@@ -13,7 +13,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import Interpreter
 from robodyn_cli.model.model import Body, FixedFrame
 from robodyn_cli.record import record
-from robodyn_cli.report.drawing.build import scene_of
+from robodyn_cli.report.drawing.build import problem_of
 from robodyn_cli.report.drawing.parts import numbers
 from robodyn_cli.report.drawing.places import KNOWN, KnownNodes
 from robodyn_cli.report.lines import finite
@@ -48,8 +48,7 @@ def traced_bodies(result: Result, samples: Array) -> list[TracedBody]:
     ------
     CapabilityError : this version cannot read its scene.
     """
-    scene = scene_of(result.scene_text)
-    problem = Problem(scene)
+    problem = problem_of(result.scene_text)
     model = problem.model
     q = result["q"][samples]
     moving = "qd" in result and result["qd"].shape[1] == model.nv

@@ -11,7 +11,9 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.model.build import moved_link, parent_link
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.model.build import build_model, moved_link, parent_link
+from robodyn_cli.model.model import Model
 from robodyn_cli.report.drawing.parts import (
     OF_PAYLOADS,
     Connections,
@@ -60,6 +62,24 @@ def scene_of(text: str) -> Scene:
         return load_scene_text(text)
     except RobodynError as error:
         raise CapabilityError(f"the scene stored in the result cannot be read: {error.message}") from error
+
+
+@functools.lru_cache(maxsize=2)
+def _model_of(text: str) -> Model:
+    return build_model(scene_of(text))
+
+
+def problem_of(text: str) -> Problem:
+    """Return the equations of the scene that is stored in a result, in a graph of their own; their model, which takes
+    most of the time, is built once for all drawings.
+
+    Raises
+    ------
+    CapabilityError : this version cannot read it.
+    """
+    scene, model = scene_of(text), _model_of(text)
+    # symbols of missing data are in the model's own graph
+    return Problem(scene, model=None if model.graph.nodes else dataclasses.replace(model, graph=Graph()))
 
 
 def can_draw(result: Result) -> bool:
@@ -117,7 +137,7 @@ def drawing_of(
     samples : where in the result these are, if they are samples of it; then loads and paths are drawn too.
     """
     scene = scene_of(result.scene_text)
-    problem = Problem(scene)
+    problem = problem_of(result.scene_text)
     model = problem.model
     if q.shape[1] != model.nq:
         raise CapabilityError(f"the result has {q.shape[1]} joint coordinates, its scene {model.nq}")
@@ -220,7 +240,7 @@ def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[
     paths = {name: _broken(result, name, path) for name, path in moving_paths(result).items()}
     if not paths or len(result.time) >= FINE or not can_draw(result):
         return paths
-    problem = problem or Problem(scene_of(result.scene_text))
+    problem = problem or problem_of(result.scene_text)
     between = motion_between(result, problem)
     if between is None:
         return paths
