@@ -96,9 +96,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     CapabilityError : the command has no plan, or cannot do this scene. GeometryError : its loops cannot close.
     """
     command = command or command_of(scene)
-    if command not in subjects:
-        raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(subjects)}", key="command")
-    subject = subjects[command](scene)
+    subject = _subject_of(scene, command)
     problem, here = subject.problem, _variant_of(subject)
     # first and apart, so that of a large scene one set of equations is there at a time
     everything = _general(subject, here)
@@ -138,6 +136,13 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
         equation_36=subject.equation_36(ledger) or ABSENT,
     )
     return as_keys(report)
+
+
+def _subject_of(scene: sc.Scene, command: str) -> Subject:
+    """Return what the command plans of a scene."""
+    if command not in subjects:
+        raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(subjects)}", key="command")
+    return subjects[command](scene)
 
 
 def _built(subject: Subject) -> tuple[list[Kernel], list[Decision], list[str]]:
