@@ -87,7 +87,10 @@ def followed(page: str, out: Path) -> int:
         print(f"{time.monotonic() - begin:6.1f} s  {page}: {code.splitlines()[0][:80]}", flush=True)
         if run.returncode != wanted:
             failed += 1
-            print(f"{page}: exit code {run.returncode} of\n{code}\n{run.stderr[-1000:]}", flush=True)
+            print(
+                f"{page}: exit code {run.returncode} of\n{code}\n{run.stdout[-1000:]}{run.stderr[-1000:]}",
+                flush=True,
+            )
     return failed
 
 

@@ -99,14 +99,18 @@ def test_what_fails_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         "robodyn info worse: exit code 2\nwhy",
         "robodyn info better",
     ]
-    code = [("python", "raise SystemExit(3)", 0), ("python", "pass", 0), ("python", "raise SystemExit(3)", 3)]
+    code = [
+        ("python", "print('seen'); raise SystemExit(3)", 0),
+        ("python", "pass", 0),
+        ("python", "raise SystemExit(3)", 3),
+    ]
     monkeypatch.setattr(blocks, "blocks", lambda page: code)
     said.clear()
     assert blocks.followed("docs/tutorials/some.md", tmp_path) == 1
     assert [text.partition(" of\n")[0] for text in said if " s  " not in text] == [
         "docs/tutorials/some.md: exit code 3"
     ]
-    assert "exit code" in said[1], "at once"
+    assert "exit code" in said[1] and said[1].endswith("seen\n"), "at once, with what it has printed"
 
 
 def test_headers_of_tables_have_words() -> None:

@@ -98,14 +98,8 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     command = command or command_of(scene)
     subject = _subject_of(scene, command)
     problem, here = subject.problem, _variant_of(subject)
-    # first and apart, so that of a large scene one set of equations is there at a time
-    everything = _general(subject, here)
-    counted = everything * VARIANTS <= LARGEST
-    _collect(counted)
-    apart = subject.apart(here)
-    _collect(counted)
-    acting = _acting(here)
-    _collect(counted)
+    everything, apart, acting = _first(subject, here)
+    counted = _counted(everything)
     # before anything else is built in the same graph, so that the programs are those of the run
     kernels, choices, missing = _built(subject)
     outputs = subject.outputs(problem)
@@ -182,6 +176,24 @@ def _acting(here: Variant) -> frozenset[str]:
     """Return which of the rigid bodies' terms load a joint in any pose."""
     terms = here.apart.problem().rigid_terms()
     return frozenset(name for name, term in terms.items() if any(map(is_nonzero, term)))
+
+
+def _counted(everything: int) -> bool:
+    """Tell whether single terms are counted of equations of so many operations."""
+    return everything * VARIANTS <= LARGEST
+
+
+def _first(subject: Subject, here: Variant) -> tuple[int, dict[str, int], frozenset[str]]:
+    """Return the operations of code for any scene, those of equations apart, and the terms that act, counted one after
+    another, so that of a large scene one set of equations is there at a time."""
+    everything = _general(subject, here)
+    small = _counted(everything)
+    _collect(small)
+    apart = subject.apart(here)
+    _collect(small)
+    acting = _acting(here)
+    _collect(small)
+    return everything, apart, acting
 
 
 def _collect(small: bool) -> None:
