@@ -33,6 +33,7 @@ class Command:
     plots : those of its result, below ``report/plots/``, in the order of pages. plots_asked : further ones, which are
     drawn where they are asked for by name.
     blames : key that an error of geometry is about.
+    samples : key of the scene that says how many samples over time it takes.
     streamed : the function takes a ``writer`` too, which writes long runs block by block.
     goes_on : it goes on after it was killed. takes_up : it takes ``initial.from``, and gives what others take.
     studied : ``sweep`` and ``sensitivity`` take it.
@@ -53,6 +54,7 @@ class Command:
     plots: tuple[str, ...] = ()
     plots_asked: tuple[str, ...] = ()
     blames: str = "initial"
+    samples: str = ""
     streamed: bool = False
     goes_on: bool = False
     takes_up: bool = False
@@ -134,6 +136,7 @@ COMMANDS: dict[str, Command] = {
             *MOTION,
         ),
         blames="trajectory",
+        samples="inverse.samples",
     ),
     "simulate": Command(
         "Motion that the torques give (forward dynamics).",
@@ -165,6 +168,7 @@ COMMANDS: dict[str, Command] = {
         streamed=True,
         goes_on=True,
         takes_up=True,
+        samples="simulate.samples",
     ),
     "deploy": Command(
         "Simulate a mechanism until it locks, by one latch or several.",
@@ -188,6 +192,7 @@ COMMANDS: dict[str, Command] = {
         plots_asked=("joints:joint_rates", "energy:energy", "energy:energy_drift"),
         streamed=True,
         takes_up=True,
+        samples="simulate.samples",
     ),
     "kinematics": Command(
         "Motion without forces, mobility, transmission.",
@@ -220,6 +225,7 @@ COMMANDS: dict[str, Command] = {
             *MOTION,
         ),
         blames="trajectory",
+        samples="kinematics.samples",
     ),
     "assemble": Command(
         "Close the loops, and find the ways in which they close.",
@@ -278,6 +284,7 @@ COMMANDS: dict[str, Command] = {
         headlines=("size.cost", "size.mass"),
         plots=("drives:size_front", "drives:drives"),
         blames="trajectory",
+        samples="inverse.samples",
     ),
     "plan": Command(
         "What a scene needs, what is left out, and operations.", SCENES, summary=("checks:PlanReport",)

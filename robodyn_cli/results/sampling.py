@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.spatial.algebra import Array
@@ -19,8 +20,6 @@ MOST_LINES = 400  # so many of them at most
 RATES = {"q": "qd", "qd": "qdd", "points": "point_velocities", "point_velocities": "point_accelerations"}
 STATE = "q"
 MUCH = 0.1  # of the intervals between samples
-# where a scene says how many samples a command takes
-SECTIONS = {"simulate": "simulate", "deploy": "simulate", "inverse": "inverse", "kinematics": "inverse"}
 
 
 def too_far_apart(result: Result, path: str = "") -> Array:
@@ -91,7 +90,8 @@ def is_sparse(result: Result) -> bool:
 
 def sparse_words(result: Result) -> str:
     """Return the line that says that samples are too far apart."""
-    key = f" ({SECTIONS[result.command]}.samples)" if result.command in SECTIONS else ""
+    row = COMMANDS.get(result.command)
+    key = f" ({row.samples})" if row is not None and row.samples else ""
     steps, apart = (result.summary.get("counters") or {}).get("steps", 0), max(1, len(result.time) - 1)
     taken = f": the integrator took {steps / apart:.0f} steps between two" if steps >= 2 * apart else ""
     return f"Samples are too far apart to show the motion{taken}{key}"

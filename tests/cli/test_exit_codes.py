@@ -89,7 +89,7 @@ def test_1_says_last_that_it_failed(
             "joint_angles,four_bars",
             "--plots four_bars: `simulate` does not draw that; allowed: joint_angles, ",
         ),
-        ("angels", "no plot 'angels'; did you mean joint_angles"),
+        ("angels", "no plot 'angels'; did you mean 'joint_angles'"),
     ],
 )
 def test_2_plots_that_a_command_does_not_draw(plots: str, words: str, tmp_path: Path) -> None:

@@ -248,7 +248,7 @@ def test_scenes_and_overrides_of_every_kind_are_the_same(scene: Path) -> None:
         (lambda s: robodyn.animate("nowhere", fps=0), "fps: '0'; allowed"),
         (lambda s: robodyn.animate("nowhere"), "nowhere"),
         (lambda s: robodyn.simulate(s, out=s), "a part of it, is a file"),
-        (lambda s: robodyn.plot([]), r"results: nothing is given; allowed: RESULT\.\.\."),
+        (lambda s: robodyn.plot([]), r"results: nothing is given; allowed: RESULT"),
         (
             lambda s: robodyn.report("nowhere", file="page.txt"),
             r"file: 'page.txt'; allowed: a name that ends with .html",

@@ -46,6 +46,7 @@ KEEPERS = {
     "kernels/compiler.py: code_version",
     "kernels/compiler.py: machine",
     "kernels/rolled/recursion.py: make_recursion",
+    "report/drawing/build.py: _model_of",
     "report/drawing/build.py: scene_of",
     "report/drawing/strokes.py: _lit",
     "report/figures.py: _columns",

@@ -199,7 +199,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     failed = ", ".join(f"{count} with exit code {code}" for code, count in effort["failures"].items())
     derived = f", with exact derivatives at {effort['derivatives']} points" if effort["derivatives"] else ""
     lines.append(
-        f"  search             {effort['runs']} runs of {summary['of']}{derived}, {effort['starts']} starts, "
+        f"  search             {effort['runs']} runs of {summary['of']}{derived}, {effort['starts']} start{'s' * (effort['starts'] != 1)}, "
         f"{effort['seconds']:.3g} s" + (f"; failed: {failed}" if failed else "")
     )
     rows = [["key", "value", "unit", "bounds", "price of the bound"]]
@@ -243,7 +243,7 @@ def _asked(summary: Mapping[str, Any], name: str) -> tuple[str, str]:
     found, limit = summary["figures"][name], summary["limits"].get(name)
     if "target" in found:
         within = f", within {error_text(found['tolerance'])}" if "tolerance" in found else ""
-        return found["target"] + (f" (met{within})" if found.get("met") else f" (missed{within})"), ""
+        return found["target"] + (f" (met{within})" if found.get("met") else " (missed)"), ""
     if limit is None:
         return summary["goal"].partition(" ")[0], ""
     held = "" if limit["holds"] else " (broken)"
