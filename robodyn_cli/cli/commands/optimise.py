@@ -197,9 +197,10 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     effort = summary["search"]
     lines = [summary["title"], f"  goal               {summary['goal']}"]
     failed = ", ".join(f"{count} with exit code {code}" for code, count in effort["failures"].items())
+    starts = effort["starts"]
     derived = f", with exact derivatives at {effort['derivatives']} points" if effort["derivatives"] else ""
     lines.append(
-        f"  search             {effort['runs']} runs of {summary['of']}{derived}, {effort['starts']} start{'s' * (effort['starts'] != 1)}, "
+        f"  search             {effort['runs']} runs of {summary['of']}{derived}, {starts} start{'s' * (starts != 1)}, "
         f"{effort['seconds']:.3g} s" + (f"; failed: {failed}" if failed else "")
     )
     rows = [["key", "value", "unit", "bounds", "price of the bound"]]
