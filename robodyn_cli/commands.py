@@ -92,12 +92,13 @@ DESIGN = (
     "design:velocity_ratios",
     "design:pressure_angle",
 )
-# figures of columns that a run is asked for, and of what a controller leads
+# figures of columns that a run is asked for, of what a controller leads, and of what drives bear
 ENDS = ("smallest", "smallest_time", "largest", "largest_time", "final")
 EXTREMES = tuple(f"extremes.COLUMN.{key}" for key in ENDS)
 RESPONSE = ("step", "rise", "overshoot", "settling", "final_error", "effort", "energy")
 TRACKING = tuple(f"control.tracking.TRACKED.{key}" for key in ("peak", "at", "rms"))
 LED = (*TRACKING, *(f"response.TRACKED.{key}" for key in RESPONSE))
+SIZES = tuple(f"joints.JOINT.{key}" for key in ("peak_torque", "peak_torque_time", "rms_torque"))
 # drawings of one configuration
 STILL = ("mechanism:branches", "mechanism:mechanism")
 
@@ -114,12 +115,7 @@ COMMANDS: dict[str, Command] = {
             "drives:MotorisationKeys",
             "design:BalanceKeys",
         ),
-        headlines=(
-            "fastest.duration",
-            "joints.JOINT.peak_torque",
-            "joints.JOINT.peak_torque_time",
-            "joints.JOINT.rms_torque",
-        ),
+        headlines=("fastest.duration", *SIZES),
         plan="over.plan.subjects:InversePlan",
         batch="over.many.inverse:InverseRuns",
         slopes="over.sensitivity.along_motions:InverseSlopes",
