@@ -84,13 +84,9 @@ POINTS = ("mechanism:tip_path", "joints:point_coordinates")
 JOINTS = ("joints:joint_angles", "joints:joint_rates")
 MARGINS = ("drives:motorisation",)
 DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits", *MARGINS)
-DESIGN = (
-    "design:four_bars",
-    "design:centrodes",
-    "design:pole_paths",
-    "design:curvature",
-    "design:velocity_ratios",
-    "design:pressure_angle",
+DESIGN = tuple(
+    f"design:{name}"
+    for name in ("four_bars", "centrodes", "pole_paths", "curvature", "velocity_ratios", "pressure_angle")
 )
 # figures of columns that a run is asked for, of what a controller leads, and of what drives bear
 ENDS = ("smallest", "smallest_time", "largest", "largest_time", "final")
