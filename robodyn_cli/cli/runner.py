@@ -149,7 +149,7 @@ def publish(
         result.summary["wall_time_s"] = watch.report()
     directory.replace_old(result.summary)
     if drawings is not None and directory.lasts:
-        for text in to_tell(result, drawings, drawn):
+        for text in to_tell(result, drawings, drawn, console.verbose):
             console.note(f"robodyn: {text}")
 
 

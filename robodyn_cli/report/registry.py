@@ -89,16 +89,17 @@ def applicable(result: Result, asked: bool = False) -> list[str]:
     return [name for name in plots_of(result.command, asked) if PLOTS[name].applies(result)]
 
 
-def to_tell(result: Result, drawings: Drawings, drawn: Sequence[Path]) -> list[str]:
+def to_tell(result: Result, drawings: Drawings, drawn: Sequence[Path], whole: bool = True) -> list[str]:
     """Return what is to be told beside the drawings of a run, a line each: plots asked for that there are no data for,
-    samples that do not show the motion, plots in which all is zero, which are not among the files ``drawn``."""
+    samples that do not show the motion, and where the ``whole`` is told plots in which all is zero, which are not among
+    the files ``drawn``: residuals of most loops are."""
     from robodyn_cli.results.sampling import is_sparse, sparse_words
 
     possible = applicable(result, asked=True)
     told = [f"warning: no data for the plot {name}" for name in drawings.names or () if name not in possible]
     if is_sparse(result):
         told.append(f"warning: {sparse_words(result)}: plots draw dots there")
-    left = [] if drawings.names else set(applicable(result)) - {path.stem for path in drawn}
+    left = set() if drawings.names or not whole else set(applicable(result)) - {path.stem for path in drawn}
     return [*told, *left_out([name for name in applicable(result) if name in left])]
 
 
