@@ -199,6 +199,14 @@ def test_norm_of_the_multipliers(time: float, norm: str) -> None:
     assert round(float(np.linalg.norm(result["constraints/multipliers"][k])), digits) == float(norm)
 
 
+@pytest.mark.parametrize(("samples", "part"), [(2001, 0.01), (501, 0.05)])
+def test_multipliers_are_largest_at_the_lock_which_samples_tell(samples: int, part: float) -> None:
+    """They rise up to it; the error was twice the value, as large as the multipliers range."""
+    found = four_bar(f"simulate.samples={samples}").summary["lock"]["multipliers"]
+    assert found["largest_until_lock"] == pytest.approx(found["at_lock"], rel=1e-9)
+    assert found["errors"]["largest_until_lock"] < part * found["at_lock"]
+
+
 def test_multipliers_at_the_lock_are_large_and_finite() -> None:
     result = four_bar()
     last = result["constraints/multipliers"][-1]

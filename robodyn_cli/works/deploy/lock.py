@@ -13,7 +13,7 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.record import record
-from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.peaks import Windows, pieces
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.deploy import (
@@ -348,12 +348,15 @@ def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> Multi
     constraints = motion.problem.constraints
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
     times = recorder.array("time")
-    peak = largest(times, norm[:, None], recorder.breaks(times))
+    ends = float(times[0]), float(times[-1])
+    cuts = [(time, None, None) for time in motion.system.breakpoints if ends[0] < time < ends[1]]
+    # they diverge towards the lock, which is no sample of the grid: polynomials follow both, differences do not
+    peak, error, *_ = Windows(pieces(times, norm[:, None], cuts, ends)).best(1.0, 0)
     return MultiplierKeys(
         start=float(norm[0]),
         at_lock=None if scanned.driven else float(norm[-1]),
-        largest_until_lock=None if scanned.driven else float(peak.value[0]),
-        errors=NormErrors(largest_until_lock=ABSENT if scanned.driven else float(peak.error[0])),
+        largest_until_lock=None if scanned.driven else peak,
+        errors=NormErrors(largest_until_lock=ABSENT if scanned.driven else error),
         rows=[row.name for row in constraints.loop_rows],
         diverge=scanned.driven,
     )
