@@ -97,9 +97,8 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Expr] = []
         self._table: dict[Any, Expr] = {}
-        self._binaries: dict[
-            str, dict[tuple[Expr, ...], Expr]
-        ] = {}  # by operation and ``args``, the node's own
+        # by operation and ``args``, the node's own
+        self._binaries: dict[str, dict[tuple[Expr, ...], Expr]] = {}
 
     # -- leaves ---------------------------------------------------------------------------------------
     def constant(self, value: float) -> Expr:

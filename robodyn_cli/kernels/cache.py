@@ -73,9 +73,8 @@ STALE = 3600.0  # age [s] from which on an unfinished file is left over from a p
 DIGEST = 32  # bytes of SHA-256
 SWEEPERS = "0"  # first digits of keys whose writing sweeps: one in sixteen, as a sweep looks at every file
 PACKAGE = str(Path(__file__).resolve().parent.parent)
-SETTLED = (
-    2_000_000_000  # age [ns] from which on a file that changes again has another time, on any file system
-)
+# age [ns] from which on a file that changes again has another time, on any file system
+SETTLED = 2_000_000_000
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -182,9 +181,8 @@ def code_digest(root: str = PACKAGE) -> str:
     folder = cache_directory() if settled else None
     if folder is None:
         return digest_of(root)
-    kept = ObjectFile(
-        folder, f"files-{hashlib.sha256(repr(known).encode()).hexdigest()}"
-    )  # no key that sweeps
+    # no key that sweeps
+    kept = ObjectFile(folder, f"files-{hashlib.sha256(repr(known).encode()).hexdigest()}")
     digest = kept.read()
     if digest is None:
         digest = digest_of(root).encode()

@@ -39,7 +39,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import ROUNDED, Cut, Piece, Windows, pieces
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED as AGREED
-from robodyn_cli.summaries.apart import with_others
+from robodyn_cli.summaries.apart import distance, with_others
 from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.motion import MotionErrors
 
@@ -233,8 +233,8 @@ class RecordedMotion:
         own = passed(self.own) if columns else None
         if own is None or self.again is None:
             return own
-        apart = [abs(other[0] - own[0]) for other in map(passed, self.others) if other is not None]
-        return own[0], own[1] + (self.factor * max(apart) if apart else 0.0) + ROUNDED * abs(own[0])
+        others = [other[0] for other in map(passed, self.others) if other is not None]
+        return own[0], own[1] + distance(own[0], others or [own[0]], self.factor if others else 0.0)
 
     def moved(self) -> tuple[Moved, Accurate]:
         """Return the motion of the joints, and those of the other integrations with their factor; raises what ``own``

@@ -99,8 +99,10 @@ def to_tell(result: Result, drawings: Drawings, drawn: Sequence[Path], whole: bo
     told = [f"warning: no data for the plot {name}" for name in drawings.names or () if name not in possible]
     if is_sparse(result):
         told.append(f"warning: {sparse_words(result)}: plots draw dots there")
-    left = set() if drawings.names or not whole else set(applicable(result)) - {path.stem for path in drawn}
-    return [*told, *left_out([name for name in applicable(result) if name in left])]
+    if drawings.names or not whole:
+        return told
+    files = {path.stem for path in drawn}
+    return [*told, *left_out([name for name in applicable(result) if name not in files])]
 
 
 def left_out(names: Sequence[str]) -> list[str]:

@@ -82,6 +82,12 @@ def _apart(first: Any, others: Sequence[Any], factor: float) -> Any:
         return 0.0 if all(first is other or first == other for other in others) else None
     if not all(isinstance(other, (int, float)) for other in others):
         return None
+    return distance(first, others, factor)
+
+
+def distance(first: float, others: Sequence[float], factor: float) -> float:
+    """Return the error of a figure from the same of more accurate runs: how far they are off, times ``factor``, by how
+    much they differ, and rounding."""
     farthest = max(abs(other - first) for other in others)
     return factor * farthest + (max(others) - min(others)) + ROUNDED * abs(first)
 

@@ -39,9 +39,8 @@ def plots_of(result: Result, store: Store, moving: bool) -> Html | None:
         plots = [_plot(figure, name, store) for name, figure in figures.items() if name not in empty]
     thinned = any(is_thinned(chart) for chart in store.figures[first:])
     said = [THINNED] if thinned else []
-    said += (
-        [f"Left out, as all in them is zero or missing: {', '.join(map(_title, empty))}."] if empty else []
-    )
+    if empty:
+        said.append(f"Left out, as all in them is zero or missing: {', '.join(map(_title, empty))}.")
     notes = [element("p", text, class_="note") for text in said]
     return markup([tables.error_note(result.summary), notes, element("div", plots, class_="plots")])
 

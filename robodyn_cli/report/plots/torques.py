@@ -40,10 +40,8 @@ def torques(result: Result) -> Any:
     units = [unit(u) for u in shown.units]
     rms = _root_mean_squares(shown, result.time)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
-    few, lined = (
-        len(names) <= style.FEW,
-        set[int](),
-    )  # no root mean square is drawn where no torque comes so high
+    few = len(names) <= style.FEW
+    lined: set[int] = set()  # no root mean square is drawn where no torque comes so high
     panels = _panels(shown) if few else list(shown.groups().items())
     zero = len(whole.names) - len(names)
     near = limits_near(result, "tau")
