@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -25,7 +24,7 @@ from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
-from robodyn_cli.summaries.facts import ABSENT, JOINT
+from robodyn_cli.summaries.facts import ABSENT, JOINT, warned
 from robodyn_cli.torques.checks import breaks_of_joint, settled
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
@@ -50,7 +49,7 @@ def with_drives(
     summary, *others = records
     times, scene = result.time, problem.scene
     if len(times) < 2:
-        return [_warned(summary, ["there is one sample, so there are no figures of drives"]), *others]
+        return [warned(summary, ["there is one sample, so there are no figures of drives"]), *others]
     breaks = tuple(breaks_at(times, (float(event["time"]) for event in result.events), instants))
     Drives.of(scene, problem, Moved.of(result.__getitem__, breaks)).add_to(result)
     drives = Drives.of(scene, problem, moved)
@@ -61,7 +60,7 @@ def with_drives(
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
     title = scene.catalogue.title or ABSENT
-    return [_warned(summary, list(_doubts(drives, figures))), *others, DriveKeys(figures, title)]
+    return [warned(summary, list(_doubts(drives, figures))), *others, DriveKeys(figures, title)]
 
 
 def _doubts(drives: Drives, figures: dict[str, DriveFigures]) -> Iterator[str]:
@@ -78,12 +77,6 @@ def _doubts(drives: Drives, figures: dict[str, DriveFigures]) -> Iterator[str]:
             )
         if abs(drive.margin - drive.least_margin) <= drive.errors.margin:
             yield f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
-
-
-def _warned(summary: Any, more: list[str]) -> Any:
-    """Return a record of a summary with more warnings."""
-    own = [] if summary.warnings is ABSENT else summary.warnings
-    return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
 
 
 @record

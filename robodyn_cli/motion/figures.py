@@ -11,7 +11,7 @@ from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.motion.second_run import Estimate, FirstRun, grid_of
 from robodyn_cli.motion.self_check import Run
 from robodyn_cli.results.result import Result
-from robodyn_cli.summaries.facts import ABSENT, PeakLoad
+from robodyn_cli.summaries.facts import ABSENT, PeakLoad, warned
 from robodyn_cli.tools.progress import Stopwatch
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
 
+NO_BOUND = (
+    "a prescribed motion drives the mechanism into a dead point, where loads have no bound: there are no largest "
+    "loads, figures of drives or margins; `simulate` with a duration that ends before it has them"
+)
 BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has come again
 
 
@@ -67,6 +71,13 @@ def with_figures(
         with watch.stage("motorisation"):
             records = _with_margins(records, result, run, motions)
     return records
+
+
+def without_figures(summary: MotionSummary, run: Run) -> MotionSummary:
+    """Return the summary of a motion towards loads without bound: the largest would be those of its last sample."""
+    scene = run.motion.scene
+    asked = run.recorder.observer.reactions is not None or scene.drives or scene.motorisation is not None
+    return warned(summary, [NO_BOUND] if asked else [])
 
 
 def _with_responses(records: list[Any], run: Run, motion: RecordedMotion, watch: Stopwatch) -> list[Any]:

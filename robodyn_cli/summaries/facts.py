@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from collections.abc import Sequence
 from decimal import ROUND_UP, Decimal
 from typing import Any, Final
 
@@ -129,6 +130,12 @@ def or_infinite(declared: Any) -> Any:
     """Declare that None stands for a number that is infinite, which ``expect`` takes for larger than any."""
     own = dataclasses.replace(declared.metadata["fact"], infinite=True)
     return dataclasses.field(default=declared.default, metadata={"fact": own})
+
+
+def warned(summary: Any, more: Sequence[str]) -> Any:
+    """Return a record of a summary with more ``warnings``."""
+    own = [] if summary.warnings is ABSENT else summary.warnings
+    return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
 
 
 def same_as(key: str, declared: Any) -> Any:

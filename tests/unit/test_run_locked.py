@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import SceneError
@@ -156,6 +157,22 @@ def test_drives_of_a_deployment_have_figures_that_depend_on_no_samples(after: st
     assert one["joint"]["peak_torque"] >= max(size) * (1.0 - 1e-9), (
         "of the rotor alone: nothing else drives the joint"
     )
+
+
+@pytest.mark.parametrize("samples", [1501, 31])
+def test_loads_without_bound_have_no_largest_one(samples: int) -> None:
+    """Towards a dead point that is driven into they are as large as the last sample is near to it: 13 kN, or 30 N."""
+    result = deploy(
+        load_scene(
+            CONFIGS / "four_bar_prescribed.yaml",
+            ["outputs.reactions=true", "motorisation={}", "drives={theta1: {motor: m1}}",
+             f"simulate.samples={samples}", f"catalogue={yaml.safe_load(DRIVEN)['catalogue']}"],
+        )
+    )  # fmt: skip
+    assert result.status == "locked" and not {"drives", "motorisation", "reactions"} & set(result.summary)
+    (warning,) = (text for text in result.summary["warnings"] if "no bound" in text)
+    assert "no largest loads, figures of drives or margins" in warning
+    assert np.abs(result["reactions/phi1"]).max() > 1.0, "the samples have them"
 
 
 def test_a_stop_between_two_samples_makes_no_peak_of_a_drive() -> None:

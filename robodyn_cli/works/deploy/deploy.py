@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion, follow_latches
 from robodyn_cli.motion.extremes import RecordedMotion
-from robodyn_cli.motion.figures import recorded, with_figures
+from robodyn_cli.motion.figures import recorded, with_figures, without_figures
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import (
@@ -276,13 +276,11 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     failure, limits = judgement.failure, done.motion.scene.deploy.loads
     summary, *others = motion_records(done, judgement, done.estimate)
     result = Result.of("deploy", done.motion.scene, "failed")
-    result.events = [
-        *events(done.found),
-        *done.driver.log,
-    ]
+    result.events = [*events(done.found), *done.driver.log]
     done.recorder.fill(result)
     add_joint_limits(result, done.motion.scene, done.motion.problem.model)
     overload: Overload | None = None
+    unbounded = done.lock if done.found.driven else None  # its end, a dead point that it is driven into
     if failure is None:
         if done.followed is not None:
             assert done.lock is not None and done.latch is not None
@@ -292,12 +290,15 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
             overload = first_overload(motions, limits)
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
-        summary, *others = with_figures([summary, *others], result, done, done.estimate, watch, motions)
-    if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound
-        q = done.motion.system.split(done.lock.state)[0]
+        if unbounded is not None:
+            summary = without_figures(summary, done)
+        else:
+            summary, *others = with_figures([summary, *others], result, done, done.estimate, watch, motions)
+    if unbounded is not None:  # the state there
+        q = done.motion.system.split(unbounded.state)[0]
         names = done.motion.problem.model.q_names
         summary = dataclasses.replace(
-            summary, final=FinalState(done.lock.time, dict(zip(names, q.tolist())), {})
+            summary, final=FinalState(unbounded.time, dict(zip(names, q.tolist())), {})
         )
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})

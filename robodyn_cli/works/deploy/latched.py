@@ -28,7 +28,7 @@ from robodyn_cli.summaries.deploy import (
     LockErrors,
     LockKeys,
 )
-from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.facts import ABSENT, Termination, warned
 from robodyn_cli.summaries.motion import FinalState, LatchLock, LatchLockErrors, MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.deploy.recording import first_overload, overload_text
@@ -143,10 +143,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     for watcher in run.driver.watchers:
         watcher.add_to(result)
     summary, *others = motion_records(run, judgement, estimate)
-    summary = with_latches_beside(summary, run, estimate)
-    if doubts := _doubts(run, estimate):
-        told = [] if summary.warnings is ABSENT else summary.warnings
-        summary = dataclasses.replace(summary, warnings=[*told, *doubts])
+    summary = warned(with_latches_beside(summary, run, estimate), _doubts(run, estimate))
     overload, motions = None, [recorded(run, estimate)] if scene.deploy.loads else []
     if failure is None:
         with watch.stage("reactions"):
