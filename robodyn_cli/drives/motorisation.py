@@ -21,7 +21,7 @@ import numpy as np
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.drives.directions import SLOW, begun, directed, driven_joints
-from robodyn_cli.drives.report import UNDERSIZED, Accurate, Moved, following, given_by_drives
+from robodyn_cli.drives.report import Accurate, Moved, following, given_by_drives, judge
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
@@ -68,8 +68,7 @@ def with_motorisation(
         others = [JointMargins.of(problem, other, inertia).figures() for other in again[0]]
         grown = with_others(figures, others, again[1], ("motorisation", JOINT))
         figures = {name: _still_unknown(grown[name], one) for name, one in figures.items()}
-    if result.status in ("ok", "locked") and not all(one.met for one in figures.values()):
-        result.status = UNDERSIZED
+    judge(result, all(one.met for one in figures.values()))
     return [*records, MotorisationKeys(figures)]
 
 

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.drives.cycle import Duty, peak_use
 from robodyn_cli.drives.figures import Evaluated
 from robodyn_cli.equations.problem import Problem
@@ -57,10 +58,15 @@ def with_drives(
     if again is not None:
         accurate = [Drives.of(scene, problem, x).figures() for x in again[0]]
         figures = with_others(figures, accurate, again[1], ("drives", JOINT))
-    if not all(one.passes for one in figures.values()):
-        result.status = UNDERSIZED
+    judge(result, all(one.passes for one in figures.values()))
     title = scene.catalogue.title or ABSENT
     return [warned(summary, list(_doubts(drives, figures))), *others, DriveKeys(figures, title)]
+
+
+def judge(result: Result, suffices: bool) -> None:
+    """Set the status of a result whose drives or margins do not suffice, if it ended as it should but for that."""
+    if not suffices and result.status in ("ok", COMMANDS[result.command].good):
+        result.status = UNDERSIZED
 
 
 def _doubts(drives: Drives, figures: dict[str, DriveFigures]) -> Iterator[str]:

@@ -7,11 +7,14 @@ import pytest
 import yaml
 
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
+from robodyn_cli.cli.commands.deploy import describe
 from robodyn_cli.errors import SceneError
 from robodyn_cli.ready.prepare import prepare
+from robodyn_cli.report.registry import applicable
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.hdf5 import write as write_result
 from robodyn_cli.results.result import Result
+from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.works.deploy.growth import close_latch, locked
 from tests.mechanisms import CONFIGS, SLIDER, close
 from tests.unit.test_run_inverse_closed import FIVE_BAR
@@ -149,7 +152,11 @@ def test_drives_of_a_deployment_have_figures_that_depend_on_no_samples(after: st
         for n in (11, 42)
     ]
     one, two = (run.summary["drives"]["a"] for run in runs)
-    assert runs[0].summary["lock"] is not None and runs[0].status == runs[1].status
+    assert runs[0].summary["lock"] is not None and runs[0].status == runs[1].status == "locked"
+    assert "drives" in applicable(runs[0]) and leaf_of("deploy", "drives.a.joint.peak_torque") is not None
+    assert any(
+        line.lstrip().startswith("a ") and " m1 " in line for line in describe(runs[0].summary).splitlines()
+    )
     for name in ("peak_torque", "rms_torque", "peak_speed"):
         error = one["joint"]["errors"][name]
         assert one["joint"][name] == pytest.approx(two["joint"][name], rel=1e-9, abs=2.0 * error), name
