@@ -462,6 +462,7 @@ def test_results_are_compared_filtered_and_laid_over_one_another(tmp_path: Path,
     for k in range(3):
         result = four_bar_result(201)
         result.title, result["q"][:] = f"Run {k}", result["q"] + 0.125 * k
+        result.scene_text += f"\nparameters: {{a_number_with_a_name_as_long_as_some_are: {k}}}\n"
         result.summary["lock"] = {"time": 12.0 + 0.5 * k, "time_error": 1e-9, "kind": "dead_point"}
         result.summary["error_estimate"] = {"method": "m", "q_max": 1e-6}
         results.append(result)
@@ -495,6 +496,18 @@ def test_results_are_compared_filtered_and_laid_over_one_another(tmp_path: Path,
     assert page.locator(".overlay .legend button").all_inner_texts() == [" Run 0", " Run 2"]
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    box, name = page.locator(".sided"), row.locator("th")
+    place = name.bounding_box()["x"]
+    assert name.bounding_box()["width"] < 0.45 * box.bounding_box()["width"], (
+        "figures have room beside their names"
+    )
+    box.evaluate("box => { box.scrollLeft = 200; }")
+    assert box.evaluate("box => box.scrollLeft") == 200 and name.bounding_box()["x"] == place
+    last = row.locator("td").last.bounding_box()
+    box.evaluate("box => { box.scrollLeft = 1e6; }")
+    assert (
+        last["x"] + last["width"] > 390 >= (end := row.locator("td").last.bounding_box())["x"] + end["width"]
+    )
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1100), ("dark", 390)])

@@ -16,6 +16,9 @@ from robodyn_cli.results.stated_errors import beyond
 from robodyn_cli.scene.text.leaves import leaves_of_text
 from robodyn_cli.summaries.keys import headline_rank, leaf_of
 
+ROBOT, JOINTS = "robot.", "robot.joints."
+TOLD = ("title", "command")  # keys of a scene that stand elsewhere
+NAMED = 8  # joints
 LACKING = 12  # keys that only some scenes have; more are scenes of different things
 # what marks figures: more apart than their errors, less, or apart by what cannot be judged since an error is not stated
 DIFFER, WITHIN, OPEN = "differ", "within", "open"
@@ -92,7 +95,9 @@ def compared(results: Sequence[Result]) -> list[SideBySide]:
     """Return what tells scenes apart, how runs ended, and the figures that any of the results has: those that differ
     first, and of these those that the results are told by."""
     ends = [", ".join(one.words for one in verdicts(result)) for result in results]
-    found = [SideBySide("outcome", ends), *scene_differences(results)]
+    # what was run, which need not be the command that the scene names
+    run = SideBySide("command", [result.command for result in results], given=True)
+    found = [SideBySide("outcome", ends), *([run] if run.mark else []), *scene_differences(results)]
     told = [dict(_figures(result)) for result in results]
     names = list(dict.fromkeys(name for one in told for name in one))
     figures = [SideBySide(name, [one.get(name) for one in told]) for name in names]
@@ -105,19 +110,54 @@ def compared(results: Sequence[Result]) -> list[SideBySide]:
 
 
 def scene_differences(results: Sequence[Result]) -> Iterator[SideBySide]:
-    """Yield keys of the scenes that have other values in some of them; those that some lack if these are few."""
+    """Yield keys of the scenes that have other values in some of them; those that some lack if these are few.
+
+    Of other robots, those with other joints, the joints are told. Their parts are others even where names agree, so
+    that keys of a robot, and keys that some lack, are compared among scenes of the same one.
+    """
     scenes = [leaves_of_text(result.scene_text) for result in results]
+    joints = [_joints(one) for one in scenes]
+    same = [[k for k, own in enumerate(joints) if own == one] for one in dict.fromkeys(joints)]
     changed, lacking = [], []
     for key in dict.fromkeys(key for one in scenes for key in one):
         values = [one.get(key) for one in scenes]
-        there = {value for value in values if value is not None}
-        if len(there) > 1 and key != "title":
+        apart = [{values[k] for k in group} for group in same]
+        if None not in values and not key.startswith(ROBOT):
+            apart.append(set(values))
+        if key in TOLD:
+            continue
+        if any(len(one - {None}) > 1 for one in apart):
             changed.append(SideBySide(key, values, given=True))
-        elif None in values:
+        elif any(len(one) > 1 for one in apart):
             lacking.append(SideBySide(key, values, given=True))
+    if len(same) > 1:
+        yield SideBySide(JOINTS.rstrip("."), [_named(one) for one in joints], given=True)
     yield from changed
     if len(lacking) <= LACKING:
         yield from lacking
+
+
+def _joints(scene: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the joints of a scene."""
+    return tuple(
+        dict.fromkeys(key.removeprefix(JOINTS).partition(".")[0] for key in scene if key.startswith(JOINTS))
+    )
+
+
+def _named(joints: Sequence[str]) -> str:
+    more = f", and {len(joints) - NAMED} more" if len(joints) > NAMED else ""
+    return ", ".join(joints[:NAMED]) + more or "none"
+
+
+def without_loners(found: Sequence[SideBySide], results: Sequence[Result]) -> list[SideBySide]:
+    """Return figures without those that one result has and no other could: none of its robot and command is there."""
+    kinds = [(result.command, _joints(leaves_of_text(result.scene_text))) for result in results]
+    kept = []
+    for one in found:
+        having = [k for k, value in enumerate(one.values) if value is not None]
+        if one.given or len(having) > 1 or kinds.count(kinds[having[0]]) > 1:
+            kept.append(one)
+    return kept
 
 
 def _figures(result: Result) -> Iterator[tuple[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,7 +14,15 @@ from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.numbers import labelled, typeset, unit
 from robodyn_cli.report.overlay import OVERLAID, series_of
 from robodyn_cli.report.page.charts import Arrays, looks
-from robodyn_cli.report.page.compared import DIFFER, OPEN, WITHIN, SideBySide, compared, number_of
+from robodyn_cli.report.page.compared import (
+    DIFFER,
+    OPEN,
+    WITHIN,
+    SideBySide,
+    compared,
+    number_of,
+    without_loners,
+)
 from robodyn_cli.report.page.tables import Html, Quantity, element, written
 from robodyn_cli.report.page.verdict import verdicts
 from robodyn_cli.results.result import Result
@@ -70,11 +79,19 @@ def _name(k: int, label: str, scope: str) -> Html:
 def _figure_head(one: SideBySide, mark: str, scope: str, n: int | None = None) -> Html:
     """Return the name of a figure with the mark that tells whether it differs."""
     name = one.name.replace("_", " ") if not one.given else one.name
-    words: list[Any] = [element("span", name)]
+    # a line may end behind a dot
+    words: list[Any] = [element("span", [(part, element("wbr")) for part in re.split(r"(?<=\.)", name)])]
     if mark in MARKS:
         sign, meaning = MARKS[mark]
         words.append(
-            element("span", f" {sign}", class_="mark", title=meaning, role="img", aria_label=meaning)
+            element(
+                "span",
+                f"\N{NO-BREAK SPACE}{sign}",
+                class_="mark",
+                title=meaning,
+                role="img",
+                aria_label=meaning,
+            )
         )
     if n is None:
         return element("th", words, scope=scope)
@@ -151,7 +168,9 @@ def beside(
     """
     labels = [label for label, _ in titles]
     data = overlay_data(labels, results, arrays)
-    return element("div", _compare(labels, compared(results), data), class_="compare"), data
+    found = compared(results)
+    told = without_loners(found, results)
+    return element("div", _compare(labels, told, len(found) - len(told), data), class_="compare"), data
 
 
 def contents(titles: Sequence[tuple[str, str]], results: Sequence[Result]) -> Html:
@@ -193,8 +212,13 @@ def contents(titles: Sequence[tuple[str, str]], results: Sequence[Result]) -> Ht
     return element("nav", [asked, told, all_of, element("ol", rows)], aria_label="Results", class_="results")
 
 
-def _compare(labels: Sequence[str], found: Sequence[SideBySide], data: Mapping[str, Any]) -> list[Html]:
-    """Return the table of figures and the chart of signals, with what is asked of them."""
+def _compare(
+    labels: Sequence[str], found: Sequence[SideBySide], alone: int, data: Mapping[str, Any]
+) -> list[Html]:
+    """Return the table of figures and the chart of signals, with what is asked of them.
+
+    alone : how many figures are left out as one result has them alone.
+    """
     choices = [element("option", label, value=str(k)) for k, label in enumerate(labels)]
     to = element(
         "label",
@@ -207,6 +231,7 @@ def _compare(labels: Sequence[str], found: Sequence[SideBySide], data: Mapping[s
     )
     left = len(found) - MOST_FIGURES
     more = f" {left} more figures, those that differ least, stand with each result." if left > 0 else ""
+    more += f" {alone} figures that one result alone can have stand with it." if alone else ""
     legend = (
         "≠ differ by more than their errors; ≈ differ within them; ? differ, and not all state an error; blank: the "
         "result has no such figure. "

@@ -21,7 +21,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 from robodyn_cli.summaries import rounding
 
-VOID = ("input", "meta", "img", "br")
+VOID = ("input", "meta", "img", "br", "wbr")
 
 
 class Html(str):
