@@ -100,6 +100,13 @@ class NumericalError(RobodynError):
     exit_code = 3
 
 
+def of_option(
+    option: str, sentence: str, kind: type[RobodynError] = SceneError, **details: Any
+) -> RobodynError:
+    """Return the error of an option as it was given, ``--at q=1``: it is about that, and about no place in a file."""
+    return kind(sentence, (option,), option=option.partition(" ")[0], **details)
+
+
 def unknown_data(names: Sequence[str]) -> SceneError:
     """Return the error that names data the equations need and the scene does not give."""
     listed = ", ".join(sorted(set(names)))
@@ -162,7 +169,8 @@ def shown(value: Any) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names in a row; of very many the first."""
+    """Return names in a row, each once; of very many the first."""
+    names = list(dict.fromkeys(names))
     more = f", ... ({len(names)} in all)" if len(names) > MOST_LISTED else ""
     return ", ".join(names[:MOST_LISTED]) + more
 

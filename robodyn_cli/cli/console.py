@@ -73,6 +73,10 @@ class Console:
             self.clear()
             _print(fitted(printable(text), sys.stderr), sys.stderr)
 
+    def warn(self, text: str) -> None:
+        """Print what is doubtful about a scene or a run."""
+        self.note(f"robodyn: warning: {text}")
+
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
@@ -204,7 +208,7 @@ def _tell_of_compiled_code(console: Console) -> None:
     """Say what kept compiled code from being kept, where anything was compiled; it does not touch the results."""
     compiler = sys.modules.get("robodyn_cli.kernels.cache")
     for text in compiler.REPORT.warnings if compiler is not None else ():
-        console.note(f"robodyn: warning: {text}")
+        console.warn(text)
 
 
 def _internal(error: Exception, console: Console) -> int:

@@ -26,7 +26,7 @@ from robodyn_cli.cli.plot_options import (
     drawn_by,
 )
 from robodyn_cli.cli.runner import SceneRun, default_directory
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, of_option
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -351,11 +351,11 @@ def pairs(
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         if not name or not value:
-            raise SceneError(f"{option} {text}: is not {form}; {allowed}")
+            raise of_option(f"{option} {text}", f"is not {form}; {allowed}")
         if name in found:
-            raise SceneError(f"{option} {name}: is given twice")
+            raise of_option(f"{option} {name}", "is given twice")
         try:
             found[name] = parse(value)
         except SceneError as error:
-            raise SceneError(f"{option} {name}: {error.message}") from error
+            raise of_option(f"{option} {name}", error.message) from error
     return found

@@ -11,7 +11,7 @@ import typer
 
 from robodyn_cli.cli.offers import begun_by, listed_of, one_of
 from robodyn_cli.commands import COMMANDS, PLOT_FORMATS, PLOT_STYLES
-from robodyn_cli.errors import SceneError, nearest_word
+from robodyn_cli.errors import nearest_word, of_option
 
 
 def plot_list(words: str) -> tuple[str, ...]:
@@ -46,8 +46,8 @@ def drawn_by(command: str, names: Iterable[str]) -> None:
 
     known = plots_of(command, asked=True)
     if other := [name for name in names if name not in known]:
-        raise SceneError(
-            f"--plots {','.join(other)}: `{command}` does not draw that; allowed: {', '.join(known)}"
+        raise of_option(
+            f"--plots {','.join(other)}", f"`{command}` does not draw that; allowed: {', '.join(known)}"
         )
 
 

@@ -43,7 +43,6 @@ from robodyn_cli.results.result import Result
 
 MOST_BYTES = 2_000_000_000  # of a picture or a page in memory
 MOVIE = ".gif"  # kind of a picture that moves where none is asked for
-WARNING = "robodyn: warning: "
 
 
 class RobodynWarning(UserWarning):
@@ -54,7 +53,7 @@ class Keeping(Console):
     """Keeps what a command would print, for a program in Python that has called it: nothing goes to any stream.
 
     result : what a command that runs something has found. told : what others would print as JSON. lines, notes,
-    errors : what people would read. reached : is told how far a long run has come.
+    warnings, errors : what people would read. reached : is told how far a long run has come.
     """
 
     def __init__(self, reached: Callable[[float, float], None] | None = None) -> None:
@@ -63,6 +62,7 @@ class Keeping(Console):
         self.told: Any = None
         self.lines: list[str] = []
         self.notes: list[str] = []
+        self.warnings: list[str] = []
         self.errors: list[str] = []
         self._tell = reached
 
@@ -71,6 +71,9 @@ class Keeping(Console):
 
     def note(self, text: str) -> None:
         self.notes.append(text)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
 
     def error(self, text: str) -> None:
         self.errors.append(text)
@@ -183,7 +186,7 @@ def _called(command: str, known: tuple[Keyword, ...], given: dict[str, Any], kep
     lacking = next((one for one in known if one.parameter not in values), None)
     with _errors():
         code, content = (work(), None) if lacking is None else _in_memory(work, lacking, kept)
-    _tell(kept.notes)
+    _tell(kept)
     if kept.result is not None:
         return kept.result
     return Report(kept.told or {}, "\n".join(kept.lines), code, content)
@@ -210,12 +213,11 @@ def _silent(command: str) -> dict[str, Any]:
     return {name: False for name in ("as_json", "quiet", "verbose") if name in names}
 
 
-def _tell(notes: list[str]) -> None:
-    for text in notes:
-        if text.startswith(WARNING):
-            warnings.warn(text.removeprefix(WARNING), RobodynWarning, stacklevel=4)
-        else:
-            logging.getLogger("robodyn").info(text.removeprefix("robodyn: "))
+def _tell(kept: Keeping) -> None:
+    for text in kept.warnings:
+        warnings.warn(text, RobodynWarning, stacklevel=4)
+    for text in kept.notes:
+        logging.getLogger("robodyn").info(text.removeprefix("robodyn: "))
 
 
 @contextlib.contextmanager

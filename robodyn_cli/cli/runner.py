@@ -122,10 +122,10 @@ def begun(directory: Output, console: Console) -> Iterator[None]:
     tidy_up_first()
     with directory:
         if directory.warning is not None:
-            console.note(f"robodyn: warning: {directory.warning}")
+            console.warn(directory.warning)
         if (other := directory.other_scene()) is not None:
-            console.note(
-                f"robodyn: warning: {directory.path} holds results of another scene, {other}, "
+            console.warn(
+                f"{directory.path} holds results of another scene, {other}, "
                 "which this run replaces when it has its own"
             )
         yield
@@ -139,7 +139,7 @@ def publish(
     watch: Stopwatch | None = None,
 ) -> None:
     """Draw a result that is written, put its files in place of an earlier run's; say what was not drawn."""
-    from robodyn_cli.report.registry import draw_all, to_tell
+    from robodyn_cli.report.registry import doubts, draw_all, not_drawn
 
     drawn: list[Path] = []
     if drawings is not None and directory.lasts:
@@ -149,7 +149,9 @@ def publish(
         result.summary["wall_time_s"] = watch.report()
     directory.replace_old(result.summary)
     if drawings is not None and directory.lasts:
-        for text in to_tell(result, drawings, drawn, console.verbose):
+        for text in doubts(result, drawings):
+            console.warn(text)
+        for text in not_drawn(result, drawings, drawn) if console.verbose else ():
             console.note(f"robodyn: {text}")
 
 
@@ -274,7 +276,7 @@ def _compute(
         failure, result = error, error.result
     warnings = result.summary.get("warnings", ())
     for text in warnings:
-        console.note(f"robodyn: warning: {text}")
+        console.warn(text)
     if job.strict and warnings and failure is None:
         failure = StrictError(f"{'; '.join(warnings)} (taken as an error: --strict)", warnings=list(warnings))
         result.status = "failed"
@@ -322,7 +324,7 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
         console.note(f"robodyn: {text}")
     warnings = physical_warnings(scene)
     for text in warnings:
-        console.note(f"robodyn: warning: {text}")
+        console.warn(text)
     if warnings and strict:
         message = "; ".join(warnings)
         raise SceneError(f"{message} (errors because of --strict)", (scene.path,), warnings=warnings)

@@ -88,11 +88,7 @@ def doubtful_bodies(scene: Scene) -> list[tuple[Path, str, str]]:
         from robodyn_cli.model.parts import as_link
 
         bodies += [(("payloads", k), as_link(payload)) for k, payload in enumerate(scene.payloads)]
-    return [
-        ((*path, "inertia" if "inertia" in text or "moments" in text else "mass"), link.name, text)
-        for path, link in bodies
-        for text in body_problems(link)
-    ]
+    return [((*path, "inertia"), link.name, text) for path, link in bodies for text in body_problems(link)]
 
 
 def body_problems(link: Link) -> list[str]:

@@ -123,12 +123,12 @@ NAMED = (
 def place(error: RobodynError, tree: Callable[[], Node | None], command: str) -> None:
     """Put the place of an error about a scene before its message, and into its details.
 
-    Left alone are errors that have a place, that are about options, or that a run has met on its way.
+    Left alone are errors that have a place, in a file or an option, or that a run has met on its way.
 
     tree : returns the tree of the scene, None where it cannot be read. command : which was run.
     """
     details = error.details
-    if details.get("line") is not None or error.message.startswith("--"):
+    if "line" in details or "option" in details:
         return
     if not isinstance(error, ABOUT_SCENE) and "key" not in details:
         return

@@ -31,18 +31,22 @@ def tables(result: Result) -> list[Table]:
     return [table for table in [*listed, *control_tables(result.summary)] if table.rows]
 
 
+def alarms(result: Result) -> list[str]:
+    """Return what nobody should miss of a result, a sentence each: why it failed, warnings."""
+    failed = [f"failed: {_at(result.summary, 'termination', 'reason')}"] if result.status == "failed" else []
+    sparse = [f"{sparse_words(result)}: plots draw dots there"] if is_sparse(result) else []
+    return [*failed, *(f"warning: {text}" for text in [*result.summary.get("warnings", ()), *sparse])]
+
+
 def notes(result: Result) -> list[str]:
-    """Return what else is to be known of a result, a sentence each: its lock, its errors, warnings."""
+    """Return what else is to be known of a result, a sentence each: its lock, its errors."""
     summary = result.summary
     sentences = [*_lock(summary), *loop_note(summary)]
     sentences += errors(result)
     estimate = summary.get("error_estimate")
     if isinstance(estimate, Mapping) and estimate.get("reason"):
         sentences.append(f"no error estimate: {estimate['reason']}")
-    if result.status == "failed":
-        sentences.append(f"failed: {_at(summary, 'termination', 'reason')}")
-    sparse = [f"{sparse_words(result)}: plots draw dots there"] if is_sparse(result) else []
-    return [*sentences, *(f"warning: {text}" for text in [*summary.get("warnings", ()), *sparse])]
+    return sentences
 
 
 def errors(result: Result, all_of_them: bool = False) -> list[str]:

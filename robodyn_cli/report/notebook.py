@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.cells import Table
-from robodyn_cli.report.figures import MOST_ROWS, notes, tables
+from robodyn_cli.report.figures import MOST_ROWS, alarms, notes, tables
 from robodyn_cli.report.numbers import typeset
 from robodyn_cli.results.result import Result
 
@@ -63,7 +63,7 @@ def as_html(result: Result) -> str:
     shown = [name for name in dict.fromkeys((first, *BESIDE)) if name in possible]
     pictures = "".join(_picture(name, png(draw(result, name))) for name in shown if name is not None)
     head = f"<b>{html.escape(result.title)}</b><br>{html.escape(f'{result.command}: {result.status}')}"
-    said = "".join(f"<br>{html.escape(typeset(text))}" for text in notes(result))
+    said = "".join(f"<br>{html.escape(typeset(text))}" for text in [*notes(result), *alarms(result)])
     left = f"<div><p>{head}{said}</p>{''.join(_table(table) for table in tables(result))}</div>"
     return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:flex-start">{left}{pictures}</div>'
 

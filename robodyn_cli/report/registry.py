@@ -89,29 +89,24 @@ def applicable(result: Result, asked: bool = False) -> list[str]:
     return [name for name in plots_of(result.command, asked) if PLOTS[name].applies(result)]
 
 
-def to_tell(result: Result, drawings: Drawings, drawn: Sequence[Path], whole: bool = True) -> list[str]:
-    """Return what is to be told beside the drawings of a run, a line each: plots asked for that there are no data for,
-    samples that do not show the motion, and where the ``whole`` is told plots in which all is zero, which are not among
-    the files ``drawn``: residuals of most loops are."""
+def doubts(result: Result, drawings: Drawings) -> list[str]:
+    """Return what is doubtful about the drawings of a run, a sentence each: plots asked for that there are no data for,
+    samples that do not show the motion."""
     from robodyn_cli.results.sampling import is_sparse, sparse_words
 
     possible = applicable(result, asked=True)
-    told = [f"warning: no data for the plot {name}" for name in drawings.names or () if name not in possible]
-    if is_sparse(result):
-        told.append(f"warning: {sparse_words(result)}: plots draw dots there")
-    if drawings.names or not whole:
-        return told
+    lacking = [f"no data for the plot {name}" for name in drawings.names or () if name not in possible]
+    return [*lacking, *([f"{sparse_words(result)}: plots draw dots there"] if is_sparse(result) else [])]
+
+
+def not_drawn(result: Result, drawings: Drawings, drawn: Sequence[Path]) -> list[str]:
+    """Return the line about plots in which all is zero, which are not among the files ``drawn``: residuals of most
+    loops are; none where plots are asked for by name."""
     files = {path.stem for path in drawn}
-    return [*told, *left_out([name for name in applicable(result) if name not in files])]
-
-
-def left_out(names: Sequence[str]) -> list[str]:
-    """Return the line that says which plots are left out; none where none is."""
-    return (
-        [f"not drawn, as all in them is zero or missing: {', '.join(names)} (--plots draws them)"]
-        if names
-        else []
-    )
+    names = [] if drawings.names else [name for name in applicable(result) if name not in files]
+    if not names:
+        return []
+    return [f"not drawn, as all in them is zero or missing: {', '.join(names)} (--plots draws them)"]
 
 
 def draw(result: Result, name: str) -> Figure:

@@ -14,6 +14,7 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.scene import check_scene
+from robodyn_cli.scene.points import PartlyRead
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
 from robodyn_cli.scene.text.includes import Includer
@@ -323,13 +324,13 @@ def _checked(root: Node, faults: Faults) -> Scene | None:
     faults.add_unrelated(reading.found)
     if scene is BROKEN:
         return None
+    if any(key.startswith(("robot.points", "robot.frames")) for key in faults.keys):
+        robot = dataclasses.replace(scene.robot, points=PartlyRead(scene.robot.points))
+        scene = dataclasses.replace(scene, robot=robot)
     check = Check(root)
     with contextlib.suppress(TooMany), check:
         scene = check_scene(scene, check)
     errors = check.found
-    if any(key.startswith(("robot.points", "robot.frames")) for key in faults.keys):
-        # the points could not be read; references to them are right
-        errors = [e for e in errors if "unknown point" not in e.message]
     if any(key.startswith("catalogue") for key in faults.keys):
         errors = [
             e for e in errors if not key_of(e).startswith("drives.")

@@ -5,11 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean, listed
 from robodyn_cli.scene.types import Joint, Point, Robot, Scene
 
 BASE = "base"
 BUILT_IN = ("origin", "end", "com")
+
+
+class PartlyRead(dict[str, Point]):
+    """The points of a robot of which others could not be read: a name that is not here may be right."""
 
 
 def joint_of(robot: Robot, link: str) -> Joint | None:
@@ -42,7 +46,12 @@ def spot_problem(robot: Robot, link: str, at: str) -> str | None:
 
 
 def point_problem(robot: Robot, reference: str) -> str | None:
-    """Tell why a reference to a point does not resolve, or return None."""
+    """Tell why a reference to a point does not resolve, or return None.
+
+    Raises
+    ------
+    SceneError : it may be one that could not be read, so that the error follows from that.
+    """
     if reference in robot.points:
         return None
     links = [BASE, *[link.name for link in robot.links]]
@@ -51,19 +60,16 @@ def point_problem(robot: Robot, reference: str) -> str | None:
         hint = did_you_mean(reference, robot.points)
         if link in links:
             hint = f"; it is a link: write {link + '.origin' if link == BASE else link + '.end'!r}"
-        return f"unknown point {reference!r}{hint}; allowed: {_allowed(robot)}"
+        return _unknown(robot, reference, hint)
     if link not in links:
-        return (
-            f"unknown link {link!r} in {reference!r}{did_you_mean(link, links)}; allowed: {', '.join(links)}"
-        )
+        return f"unknown link {link!r} in {reference!r}{did_you_mean(link, links)}; allowed: {listed(links)}"
     if at in BUILT_IN:
         return spot_problem(robot, link, at)
     if at in robot.points:
         if robot.points[at].link == BASE == link:
             return None
         return f"{reference!r} is no point: {at!r} is fixed to {robot.points[at].link!r}; write {at!r} alone"
-    hint = did_you_mean(at, [*BUILT_IN, *robot.points])
-    return f"unknown point {reference!r}{hint}; allowed: {_allowed(robot)}"
+    return _unknown(robot, reference, did_you_mean(at, [*BUILT_IN, *robot.points]))
 
 
 def point_link(robot: Robot, reference: str) -> str:
@@ -88,8 +94,12 @@ def joints_between(robot: Robot, first: str, second: str) -> set[str]:
     return below[0] ^ below[1]
 
 
-def _allowed(robot: Robot) -> str:
-    return ", ".join([*robot.points, "LINK.origin", "LINK.end", "LINK.com", "base.origin"])
+def _unknown(robot: Robot, reference: str, hint: str) -> str:
+    message = f"unknown point {reference!r}{hint}"
+    if isinstance(robot.points, PartlyRead):
+        raise SceneError(message, follows=True)
+    allowed = ", ".join([*robot.points, "LINK.origin", "LINK.end", "LINK.com", "base.origin"])
+    return f"{message}; allowed: {allowed}"
 
 
 def with_points(scene: Scene, references: Sequence[str]) -> Scene:

@@ -57,11 +57,11 @@ class _Keys:
     @property
     def needed(self) -> list[str]:
         """The keys without a default."""
-        return [name for name, field in self.fields.items() if _is_needed(field)]
-
-
-def _is_needed(field: dataclasses.Field[Any]) -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        return [
+            name
+            for name, field in self.fields.items()
+            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        ]
 
 
 def _is_default(field: dataclasses.Field[Any], node: nodes.Node) -> bool:

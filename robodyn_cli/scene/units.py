@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable
 from collections.abc import Mapping as TypingMapping
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import of_option
 from robodyn_cli.scene.text.includes import child_kind, concrete
 from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Sequence, dotted, index_of, name_of
 from robodyn_cli.scene.text.numbers import WrittenNumber, at_key, counted, number_at
@@ -104,7 +104,7 @@ def refuse_doubles(root: Node, keys: Iterable[str], option: str) -> None:
         for known, other in seen.items():
             if known in (place, _whole(place)) or place == _whole(known):
                 also = "" if other == key else f", also as {other}"
-                raise SceneError(f"{option} {key}: is given twice{also}", key=key)
+                raise of_option(f"{option} {key}", f"is given twice{also}", key=key)
         seen[place] = key
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from robodyn_cli.errors import SceneError, unknown_name
+from robodyn_cli.errors import of_option, unknown_name
 from robodyn_cli.scene.checks.robot import moving
 from robodyn_cli.scene.text.overrides import AskedSetting
 from robodyn_cli.scene.types import Scene
@@ -24,7 +24,7 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
     for text in given:
         parts = _KEY.split(text)
         if len(parts) < 3 or parts[0].strip():
-            raise SceneError(f"--at {text!r}: is no state; {FORMS}")
+            raise of_option(f"--at {text!r}", f"is no state; {FORMS}")
         for key, value in zip(parts[1::2], parts[2::2]):
             group, _, joint = key.partition(".")
             if group not in ("q", "qd"):
@@ -45,18 +45,19 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
 
 def _known(joint: str, joints: Sequence[str], text: str) -> None:
     if joint not in joints:
-        raise SceneError(f"--at {text!r}: {unknown_name('joint', joint, joints)}")
+        raise of_option(f"--at {text!r}", unknown_name("joint", joint, joints))
 
 
 def _items(value: str, joints: Sequence[str], text: str) -> Iterable[tuple[str, str]]:
     if not value.startswith("[") and len(joints) == 1:
         return [(joints[0], value)]
     if not (value.startswith("[") and value.endswith("]")):
-        raise SceneError(f"--at {text!r}: {value!r} is no list; {FORMS}")
+        raise of_option(f"--at {text!r}", f"{value!r} is no list; {FORMS}")
     # commas within brackets belong to the value of one joint
     items = [item.strip() for item in re.split(r",(?![^\[]*\]|[^{]*\})", value[1:-1])]
     if len(items) != len(joints):
-        raise SceneError(
-            f"--at {text!r}: {len(items)} values for {len(joints)} joints; needed: one each of {', '.join(joints)}"
+        raise of_option(
+            f"--at {text!r}",
+            f"{len(items)} values for {len(joints)} joints; needed: one each of {', '.join(joints)}",
         )
     return zip(joints, items)

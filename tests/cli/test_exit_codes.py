@@ -15,7 +15,7 @@ import pytest
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.runner import say_failed
-from robodyn_cli.report.registry import Drawings, applicable, to_tell
+from robodyn_cli.report.registry import Drawings, applicable, doubts
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import OutputDirectory
 from robodyn_cli.results.result import Result
@@ -101,8 +101,7 @@ def test_plots_asked_for_without_data_are_told() -> None:
     result = Result("deploy", "", "locked", "")
     result.add("time", [0.0, 1.0])
     result.add("energy/total", [5.0, 5.0])
-    told = to_tell(result, Drawings(("energy", "joint_rates")), [])
-    assert told == ["warning: no data for the plot joint_rates"]
+    assert doubts(result, Drawings(("energy", "joint_rates"))) == ["no data for the plot joint_rates"]
     assert applicable(result, asked=True) == ["energy", "energy_drift"] and applicable(result) == []
 
 

@@ -54,7 +54,7 @@ def test_along_a_motion(tmp_path: Path) -> None:
         (("--at", "balance", "--along"), "--at balance and --along exclude each other"),
         (("--at", "theta1=1", "--along"), "--at STATE and --along exclude each other"),
         (("--input", "elbow"), "--input elbow: unknown"),
-        (("--instants", "1"), "--instants are those of a motion; allowed: with --along"),
+        (("--instants", "1"), "--instants: they are those of a motion; allowed: with --along"),
         (
             ("--along", "--instants", "0,soon"),
             "--instants 0,soon: 'soon' is not a number; allowed: numbers [s]",

@@ -115,6 +115,32 @@ def test_what_a_run_finds_wrong_has_its_place(
     assert done.data["error"].get("details", done.data["error"])["key"], done.data
 
 
+@pytest.mark.parametrize(
+    ("words", "option", "told"),
+    [
+        (
+            ("linearise", "double_pendulum.yaml", "--at", "balance", "--input", "thata1"),
+            "--input",
+            "did you mean",
+        ),
+        (("linearise", "double_pendulum.yaml", "--at", "balance", "--delay", "0.1"), "--delay", "--period"),
+        (
+            ("linearise", "double_pendulum.yaml", "--along", "--instants", "77"),
+            "--instants",
+            "outside the motion",
+        ),
+    ],
+)
+def test_what_a_run_finds_wrong_with_an_option_is_about_that_alone(
+    words: tuple[str, ...], option: str, told: str, tmp_path: Path
+) -> None:
+    command, scene, *rest = words
+    done = invoke(command, CONFIGS / scene, *rest, "--no-plots", "--out", tmp_path / "out", "--json")
+    error = done.data["error"]
+    assert done.code == 2 and error["option"] == option and told in error["message"], error
+    assert error["message"].startswith(option) and "yaml" not in error["message"]
+
+
 @pytest.mark.parametrize("when", ["from: {time: 0.4}", "until: {time: 0.4}"])
 def test_payloads_that_lack_data_and_come_and_go(when: str, tmp_path: Path) -> None:
     """``info`` looks at the state before anything is gripped or released."""

@@ -15,7 +15,7 @@ from robodyn_cli.report import draw, draw_all
 from robodyn_cli.report.canvas import EMPTY, NOTE, print_figure
 from robodyn_cli.report.page.charts import Store
 from robodyn_cli.report.page.plots import plots_of
-from robodyn_cli.report.registry import Drawings, applicable, to_tell
+from robodyn_cli.report.registry import Drawings, applicable, not_drawn
 from robodyn_cli.report.style import round_numbers
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.result import Result
@@ -38,14 +38,14 @@ def test_plots_of_zeros_are_left_out_and_told_in_one_line(tmp_path: Path) -> Non
     (tmp_path / "asked").mkdir()
     files = draw_all(result, tmp_path / "all")
     assert {path.stem for path in files} == set(applicable(result)) - set(ZERO)
-    (line,) = [line for line in to_tell(result, Drawings(), files) if "not drawn" in line]
+    (line,) = not_drawn(result, Drawings(), files)
     assert (
         line == "not drawn, as all in them is zero or missing: joint_rates, energy_drift (--plots draws them)"
     )
     asked = Drawings(ZERO)
     files = draw_all(result, tmp_path / "asked", asked)
     assert {path.stem for path in files} == set(ZERO)
-    assert not any("not drawn" in line for line in to_tell(result, asked, files))
+    assert not not_drawn(result, asked, files)
 
 
 def test_the_command_and_the_page_tell_them_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 from robodyn_cli.over.commands import functions
 from robodyn_cli.report import draw
-from robodyn_cli.report.figures import notes
+from robodyn_cli.report.figures import alarms
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.overlay import draw_over
-from robodyn_cli.report.registry import Drawings, to_tell
+from robodyn_cli.report.registry import Drawings, doubts
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.sampling import is_sparse, too_far_apart
 from robodyn_cli.scene.load import load_scene
@@ -79,9 +79,9 @@ def test_positions_and_rates_are_dots_where_their_own_rates_say_so(per_period: f
         lines, dots = drawn(draw(result, name))
         assert (lines == 0 and dots == 201) if sparse else (lines == 200 and dots == 0)
     assert is_sparse(result) == sparse
-    told = [line for line in to_tell(result, Drawings(), []) if "warning" in line]
+    told = doubts(result, Drawings())
     assert bool(told) == sparse and all("too far apart" in line for line in told)
-    assert any("too far apart" in line for line in notes(result)) == sparse
+    assert any("too far apart" in line for line in alarms(result)) == sparse
 
 
 def test_samples_that_meet_each_period_again_do_not_hide_it() -> None:

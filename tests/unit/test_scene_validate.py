@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robodyn_cli.scene import load_scene_text
+from robodyn_cli.scene.load import examine
 from tests.unit.scene_text import complaint, refusals, spoiled
 
 PIN = "loops: [{{name: pin, type: revolute, between: [{}]}}]"
@@ -298,3 +299,36 @@ def test_a_section_with_an_unreadable_key_is_not_checked_further() -> None:
         TURNS.replace("ANGLE", "0").replace("START", "0") + f"command: deploy\n{latches}\n"
     ).message
     assert "deploy.latch: is a list; a list goes under 'latches'" in refusal
+
+
+LOST = """\
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: j1, type: revolute, axis: [0, 0, 1]}, {name: j2, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}]
+  links: [{name: l1, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}, {name: l2, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}]
+  points: POINTS
+trajectory: {type: circle, point: tip, center: [1, 1], radius: 0.1, duration: 1, ik: {branch: elbow_up}}
+forces: [{name: s, type: spring, between: [base.origin, tip], stiffness: 3}]
+outputs: {signals: {height: tip.y}}
+"""
+
+
+@pytest.mark.parametrize(
+    "points", ["3", "{tip: {link: l2, at: sideways}}", "{tip: {link: [l2], at: [1, 0, 0]}}"]
+)
+def test_references_to_a_point_that_cannot_be_read_are_not_refused(points: str) -> None:
+    (error,) = examine(LOST.replace("POINTS", points)).errors
+    assert error.details["key"].startswith("robot.points")
+
+
+def test_references_to_a_point_that_there_is_not_are_refused() -> None:
+    found = examine(LOST.replace("POINTS", "{top: {link: l2, at: [1, 0, 0]}}")).errors
+    assert len(found) == 3 and all("unknown point 'tip'" in e.message for e in found), found
+
+
+def test_a_name_is_listed_once() -> None:
+    links = "links: [{name: base}, {name: l2, mass: 1, com: [0.5, 0, 0]}]"
+    robot = f"schema: 1\nrobot:\n  joints: [{{name: j, type: revolute, axis: [0, 0, 1]}}]\n  {links}\n"
+    found = examine(robot + "  points: {tip: {link: l3, at: [1, 0, 0]}}\n").errors
+    assert any(e.message.endswith("unknown link 'l3'; allowed: base, l2") for e in found), found

@@ -11,7 +11,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, RelativeTolerance, Told
-from robodyn_cli.errors import FAILED
+from robodyn_cli.errors import FAILED, of_option
 
 if TYPE_CHECKING:
     from robodyn_cli.over.batch.stored import Compared
@@ -68,7 +68,7 @@ def command(
     asked = [name for name, wanted in (("--latex", latex), ("--csv", csv), ("MORE", more)) if wanted]
     if figures:
         if latex and csv:
-            raise CapabilityError("--latex and --csv: allowed: one form at a time")
+            raise of_option("--latex and --csv", "allowed: one form at a time", CapabilityError)
         return _figures(
             [result, baseline, *(more or ())], "latex" if latex else "csv" if csv else "", console
         )

@@ -14,7 +14,7 @@ from robodyn_cli.cli.offers import one_of
 from robodyn_cli.cli.options import SceneFile, SharedOptions, number
 from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
 from robodyn_cli.cli.words import error_text, table
-from robodyn_cli.errors import FAILED, SceneError, listed
+from robodyn_cli.errors import FAILED, listed, of_option
 
 if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
@@ -87,7 +87,7 @@ def command(
 
     for name, given in (("--step", step), ("--out", out), ("--plots", shared.plots)):
         if given is not None and not own:
-            raise SceneError(f"{name}: only with --own-settings")
+            raise of_option(name, "only with --own-settings")
     console, overrides = shared.console, shared.overrides or ()
     loaded = load_scene(scene, overrides)
     command = asked or compared_command(loaded)

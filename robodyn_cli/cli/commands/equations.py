@@ -40,14 +40,14 @@ def command(
     told: Told,
 ) -> int:
     """Print the equations of motion that the program uses, or write them to a file; return the exit code."""
-    from robodyn_cli.errors import CapabilityError
+    from robodyn_cli.errors import CapabilityError, of_option
     from robodyn_cli.results.atomic import write_new
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.works.equations.report import equations
 
     asked = [name for name, wanted in (("latex", latex), ("text", text), ("sympy", sympy)) if wanted]
     if len(asked) > 1:
-        raise CapabilityError(f"--{asked[0]} and --{asked[1]}: allowed: one form at a time")
+        raise of_option(f"--{asked[0]} and --{asked[1]}", "allowed: one form at a time", CapabilityError)
     console = told.console
     with console.waiting(lambda: "writing equations"), placed(scene, overrides or (), "info"):
         report = equations(scene, overrides or (), asked[0] if asked else "text", numbers)

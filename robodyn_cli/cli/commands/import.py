@@ -64,12 +64,14 @@ def command(
 
 def _folders(packages: Sequence[str]) -> dict[str, str]:
     """Return the folders of packages by name."""
-    from robodyn_cli.errors import CapabilityError
+    from robodyn_cli.errors import CapabilityError, of_option
 
     folders = {}
     for text in packages:
         name, sign, folder = text.partition("=")
         if not (name and sign and Path(folder).is_dir()):
-            raise CapabilityError(f"--package {text!r}; allowed: NAME=DIR with an existing folder")
+            raise of_option(
+                f"--package {text!r}", "allowed: NAME=DIR with an existing folder", CapabilityError
+            )
         folders[name] = folder
     return folders

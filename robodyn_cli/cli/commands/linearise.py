@@ -13,7 +13,7 @@ from robodyn_cli.cli.offers import any_of, begun_by, listed_of, names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, quantity, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import error_text, holding_lines, number, table
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, of_option
 
 BALANCE, START = "balance", "start"
 MOVING = 1e-3  # amplitude of a coordinate below which a mode's line leaves it out
@@ -120,7 +120,7 @@ def command(
     of = {"inputs": _names(inputs), "outputs": _names(outputs)}
     times = _times(_names(instants))
     if times and about != "motion":
-        raise SceneError("--instants are those of a motion; allowed: with --along")
+        raise of_option("--instants", "they are those of a motion; allowed: with --along")
     if about != "motion":
         shared = dataclasses.replace(shared, overrides=_changes(scene, shared.overrides or (), state))
     job = shared.job(
@@ -137,14 +137,15 @@ def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> 
     SceneError : options that exclude each other, a word that is no state.
     """
     if words := [text for text in state if "=" not in text]:
-        raise SceneError(
-            f"--at {words[0]!r}: is no state; allowed: {BALANCE}, {START}, or a state such as 'theta1=60 deg', with "
-            "--hold where constant torques hold it"
+        raise of_option(
+            f"--at {words[0]!r}",
+            f"is no state; allowed: {BALANCE}, {START}, or a state such as 'theta1=60 deg', with "
+            "--hold where constant torques hold it",
         )
     balance, start = BALANCE in at, START in at
     if "hold" in state:
-        raise SceneError(
-            f"--at 'hold' is no state; allowed: --hold, states as q=[0.1, 0.2], or --at {BALANCE}"
+        raise of_option(
+            "--at 'hold'", f"is no state; allowed: --hold, states as q=[0.1, 0.2], or --at {BALANCE}"
         )
     chosen = [
         name

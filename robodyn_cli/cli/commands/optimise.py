@@ -22,7 +22,7 @@ from robodyn_cli.cli.options import (
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import error_text, stated, table
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.errors import OF_STATUS, SceneError
+from robodyn_cli.errors import OF_STATUS, SceneError, of_option
 from robodyn_cli.threads import cores
 
 if TYPE_CHECKING:
@@ -177,18 +177,19 @@ def _limits(texts: Sequence[str]) -> dict[str, Expectation]:
     for text in texts:
         match = KEEP.fullmatch(text) or BETWEEN.fullmatch(text)
         if match is None:
-            raise SceneError(
-                f"--keep {text}: is no inequality; allowed: 'OUTPUT <= VALUE', '<', '>=', '>', 'OUTPUT = a .. b'"
+            raise of_option(
+                f"--keep {text}",
+                "is no inequality; allowed: 'OUTPUT <= VALUE', '<', '>=', '>', 'OUTPUT = a .. b'",
             )
         name, value = match.groups()
         if name in limits:
-            raise SceneError(
-                f"--keep {name}: is given twice; allowed: once, with both bounds: '{name} = a .. b'"
+            raise of_option(
+                f"--keep {name}", f"is given twice; allowed: once, with both bounds: '{name} = a .. b'"
             )
         try:
             limits[name] = parse_expectation(value, name)
         except SceneError as error:
-            raise SceneError(f"--keep {name}: {error.message}") from error
+            raise of_option(f"--keep {name}", error.message) from error
     return limits
 
 

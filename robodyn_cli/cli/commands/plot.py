@@ -35,15 +35,17 @@ def command(
     """Draw stored results again; return the exit code."""
     from robodyn_cli.over.batch.stored import read_all
     from robodyn_cli.report.overlay import draw_again
-    from robodyn_cli.report.registry import Drawings, to_tell
+    from robodyn_cli.report.registry import Drawings, doubts, not_drawn
 
     console = told.console
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
         drawings, stored = Drawings(plots, format_, style, width, no_titles), read_all(results)
         files, missing = draw_again(stored, out, drawings)
-    lines = [f"warning: no data for the plot {name}" for name in missing]
-    for text in to_tell(stored[0][1], drawings, files) if len(stored) == 1 else lines:
+    lacking = [f"no data for the plot {name}" for name in missing]
+    for text in doubts(stored[0][1], drawings) if len(stored) == 1 else lacking:
+        console.warn(text)
+    for text in not_drawn(stored[0][1], drawings, files) if len(stored) == 1 else ():
         console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "without_data": missing})
     console.say(f"{out}  ({', '.join(path.name for path in files)})")

@@ -25,7 +25,7 @@ from robodyn_cli.cli.options import (
     quantity,
 )
 from robodyn_cli.cli.worker import command_line
-from robodyn_cli.errors import CapabilityError, worst
+from robodyn_cli.errors import CapabilityError, of_option, worst
 from robodyn_cli.threads import cores
 
 if TYPE_CHECKING:
@@ -82,7 +82,9 @@ def command(
     from robodyn_cli.results.summary import as_keys, jsonable
 
     if update and baseline is None:
-        raise CapabilityError("--update-baseline needs --baseline DIR: the directory of the stored results")
+        raise of_option(
+            "--update-baseline", "needs --baseline DIR, the directory of the stored results", CapabilityError
+        )
     start, console = time.perf_counter(), shared.console
     entries: list[BatchEntry] = []
     tidy_up_first()
@@ -130,7 +132,7 @@ def _ends(drawn: Drawings | None) -> list[str]:
 def _tell(entry: BatchEntry, widths: tuple[int, int], console: Console) -> None:
     """Print how a scene ended; ``widths`` : of the columns of names and commands."""
     if entry.replaced is not None:
-        console.note(f"robodyn: warning: {entry.directory} held results of another scene, {entry.replaced}")
+        console.warn(f"{entry.directory} held results of another scene, {entry.replaced}")
     time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
     console.say(
         f"{entry.verdict:<7} {entry.name:<{widths[0]}}  {entry.command or '-':<{widths[1]}} {time_taken:>9}"

@@ -12,7 +12,7 @@ from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, number
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import cost_lines, drive_lines, margin_text, table
 from robodyn_cli.cli.words import number as digits
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import of_option
 from robodyn_cli.motors.registry import motor_types
 
 BY = ("cost", "mass")
@@ -118,7 +118,7 @@ def command(
     kinds = tuple(kind.strip() for kind in types.split(",")) if types is not None else ()
     for kind in kinds:
         if kind not in motor_types:
-            raise SceneError(f"--types: unknown kind of motor {kind!r}; allowed: {', '.join(motor_types)}")
+            raise of_option("--types", f"unknown kind of motor {kind!r}; allowed: {', '.join(motor_types)}")
     own = {"by": by, "margin": margin, "types": kinds, "thorough": thorough}
     job = shared.job("size", scene, strict, options=own)
     return run_scene(job, shared.console, describe)

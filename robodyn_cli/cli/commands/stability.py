@@ -12,7 +12,7 @@ from robodyn_cli.cli.offers import begun_by, listed_of
 from robodyn_cli.cli.options import SharedOptions, file
 from robodyn_cli.cli.runner import begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import error_text, table
-from robodyn_cli.errors import FAILED, SceneError
+from robodyn_cli.errors import FAILED, SceneError, of_option
 from robodyn_cli.summaries.facts import rounded_up
 
 EXAMPLES = (
@@ -64,10 +64,10 @@ def command(
         raise SceneError("stability: give either a scene or --suite")
     if scene is not None:
         if cases is not None:
-            raise SceneError("--cases: only with --suite")
+            raise of_option("--cases", "only with --suite")
         return run_scene(shared.job("stability", scene, options={"quick": quick}), shared.console, describe)
     if shared.overrides:
-        raise SceneError("--set: not with --suite, whose cases have their own settings")
+        raise of_option("--set", "not with --suite, whose cases have their own settings")
     return run_suite(cases.split(",") if cases else None, quick, shared)
 
 

@@ -17,7 +17,7 @@ from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import stated, table
 from robodyn_cli.commands import SAMPLERS
-from robodyn_cli.errors import FAILED, SceneError
+from robodyn_cli.errors import FAILED, of_option
 from robodyn_cli.threads import cores
 
 if TYPE_CHECKING:
@@ -88,8 +88,8 @@ def command(
     from robodyn_cli.scene.load import Family
 
     if scheduler is not None and jobs is not None:
-        raise SceneError(
-            "--jobs does not go with --scheduler: each worker has the threads that it was started with"
+        raise of_option(
+            "--jobs", "does not go with --scheduler: each worker has the threads that it was started with"
         )
     console = shared.console
     drawings = shared.drawings("sweep")

@@ -35,7 +35,7 @@ def command(
         write_page(pages, target)
     opened = webbrowser.open(target.as_uri())
     if not opened:
-        console.note(f"robodyn: warning: no browser was found; open {target} in one")
+        console.warn(f"no browser was found; open {target} in one")
     console.data({"status": "ok", "file": str(target), "opened": opened})
     console.say(str(target))
     return 0

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from robodyn_cli.errors import FAILED, CapabilityError, RobodynError, worst
+from robodyn_cli.errors import FAILED, CapabilityError, RobodynError, of_option, worst
 from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.stored import Compared, compare_stored, is_run
 from robodyn_cli.record import record
@@ -220,12 +220,16 @@ class Baseline:
 
     def __post_init__(self) -> None:
         if not self.update and not self.directory.is_dir():
-            raise CapabilityError(
-                f"--baseline: {self.directory} is no directory; --update-baseline makes one of this batch's results"
+            raise of_option(
+                "--baseline",
+                f"{self.directory} is no directory; --update-baseline makes one of this batch's results",
+                CapabilityError,
             )
         if os.path.realpath(self.directory) == os.path.realpath(self.out):
-            raise CapabilityError(
-                f"--baseline: {self.directory} is where the results of this batch go (--out); name another directory"
+            raise of_option(
+                "--baseline",
+                f"{self.directory} is where the results of this batch go (--out); name another directory",
+                CapabilityError,
             )
 
     def place(self, entry: BatchEntry) -> Path:

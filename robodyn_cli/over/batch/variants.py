@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, of_option
 from robodyn_cli.foreign import spreadsheet_cell
 from robodyn_cli.over.batch.stored import Stored, is_tree, read_all, runs_below
 from robodyn_cli.report.overlay import path_ends
@@ -47,7 +47,7 @@ def variants(stored: Sequence[Stored]) -> VariantsReport:
         below = sorted(runs_below(one)) if isinstance(one, Path) and is_tree(one) else ()
         places += [one / name for name in below] if isinstance(one, Path) and below else [one]
     if len(places) < FEWEST:
-        raise CapabilityError("--figures: there is one result; allowed: two and more")
+        raise of_option("--figures", "there is one result; allowed: two and more", CapabilityError)
     paths, results = zip(*read_all(places))
     return VariantsReport("ok", path_ends(paths), [_figure(one) for one in compared(results)])
 

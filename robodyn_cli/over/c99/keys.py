@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, listed
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, listed, of_option
 from robodyn_cli.expr.fixed import Witness, places, witnessed
 from robodyn_cli.expr.many import Decision, ManyNumbers, Recipe
 from robodyn_cli.expr.statements import quantities
@@ -127,7 +127,7 @@ def asked_key(text: str, option: str = "--key") -> AskedKey:
     except SceneError as error:
         raise CapabilityError(f"{option} {name}={error.message}") from error
     if not low < high:
-        raise CapabilityError(f"{option} {text}: allowed: {SPAN}")
+        raise of_option(f"{option} {text}", f"allowed: {SPAN}", CapabilityError)
     return AskedKey(name, low, high, unit)
 
 
@@ -165,16 +165,20 @@ def parametrised(family: Family, asked: Sequence[AskedKey], simulated: bool = Fa
     depends = places(build.numbers)
     for one, key in zip(asked, understood):
         if key.place not in depends and not simulated:
-            raise CapabilityError(
-                f"--key {one.name}: no function depends on it as a number; allowed: {listed(depends) or 'none'}"
+            raise of_option(
+                f"--key {one.name}",
+                f"no function depends on it as a number; allowed: {listed(depends) or 'none'}",
+                CapabilityError,
             )
     names = [key.place for key in understood if key.place in depends]
     names = names if understood else [x for x in depends if _is_cheap(family, x)]
     names, behind = _without_python(build, names)
     if behind and asked:
-        raise CapabilityError(
-            f"--key {behind[0]}: numbers follow from it by a function in Python (base inertial parameters); "
-            f"allowed: {listed([x for x in depends if x not in behind])}"
+        raise of_option(
+            f"--key {behind[0]}",
+            "numbers follow from it by a function in Python (base inertial parameters); "
+            f"allowed: {listed([x for x in depends if x not in behind])}",
+            CapabilityError,
         )
     ranges = {key.place: one.times(key.scale) for one, key in zip(asked, understood)}
     values = numbers_at_places(build.own.problem.scene)
@@ -193,7 +197,7 @@ def key_bounds(family: Family, asked: Sequence[AskedKey]) -> dict[str, tuple[flo
     for one in asked:
         value = value_of(family, one.name)
         if value is None:
-            raise CapabilityError(f"--key {one.name}: {NO_VALUE}")
+            raise of_option(f"--key {one.name}", NO_VALUE, CapabilityError)
         key = _described(family, one.name, value, one)
         bounds[one.name] = key.low, key.high
     return bounds
@@ -207,9 +211,11 @@ def is_start(family: Family, one: AskedKey) -> bool:
 def _number(family: Family, one: AskedKey) -> Key:
     key = understand(family, one.name, f"--key {one.name}")
     if key.sort in (START, OPTION):
-        raise CapabilityError(
-            f"--key {one.name}: it is {'the start' if key.sort == START else 'an option'} of a simulation; functions "
+        raise of_option(
+            f"--key {one.name}",
+            f"it is {'the start' if key.sort == START else 'an option'} of a simulation; functions "
             "take q and qd as arguments; allowed: numbers of the equations",
+            CapabilityError,
             key=one.name,
         )
     for bound in (one.low, one.high):
@@ -248,8 +254,10 @@ def _described(family: Family, name: str, value: float, asked: AskedKey | None) 
     if asked is not None and asked.low is not None and asked.high is not None:
         low, high = max(low, asked.low), min(high, asked.high)
     if not low <= value <= high:
-        raise CapabilityError(
-            f"--key {name}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
+        raise of_option(
+            f"--key {name}",
+            f"the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}",
+            CapabilityError,
         )
     return CKey(name, unit_of(family.root, name), value, low, high)
 
@@ -273,8 +281,10 @@ def _confirmed(family: Family, scene: Scene, build: _Build, keys: tuple[CKey, ..
         off = off or [key for key in keys if not _follows(family, scene, made, key, build.free)]
         if build.free or not off:
             names = listed([key.name for key in off or keys])
-            raise CapabilityError(
-                f"--key {names}: the equations do not follow from it by its numbers alone; it is structure"
+            raise of_option(
+                f"--key {names}",
+                "the equations do not follow from it by its numbers alone; it is structure",
+                CapabilityError,
             )
         keys = tuple(key for key in keys if key not in off)
 
@@ -294,9 +304,11 @@ def _refuse_crossing(made: Parametrised, key: CKey) -> None:
     alike = made.numbers(values).decided_alike(made.decisions)
     if not alike.all():
         x = column[int(np.argmin(alike))]
-        raise CapabilityError(
-            f"--key {key.name}={key.low:.6g}:{key.high:.6g}: the range crosses a change of structure, at {x:.6g} the "
-            "equations are others; allowed: ranges on one side of it"
+        raise of_option(
+            f"--key {key.name}={key.low:.6g}:{key.high:.6g}",
+            f"the range crosses a change of structure, at {x:.6g} the "
+            "equations are others; allowed: ranges on one side of it",
+            CapabilityError,
         )
 
 

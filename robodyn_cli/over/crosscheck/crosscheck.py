@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import slice_q
-from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
+from robodyn_cli.errors import CapabilityError, NumericalError, of_option
 from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
 from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
@@ -68,11 +68,11 @@ def refuse_choice(engine: str, own: bool, command: str) -> None:
     allowed = tuple(OWN_ENGINES) if own else ENGINES
     if engine not in allowed:
         way = "with" if own else "without"
-        raise SceneError(f"--with {engine}: not {way} --own-settings; allowed: {', '.join(allowed)}")
+        raise of_option(f"--with {engine}", f"not {way} --own-settings; allowed: {', '.join(allowed)}")
     if own and not COMPARED[command][0]:
         moving = " or ".join(f"--command {name}" for name, (moves, _) in COMPARED.items() if moves)
-        raise SceneError(
-            f"--own-settings: compares motions, and the command is {command!r}; allowed: {moving}"
+        raise of_option(
+            "--own-settings", f"compares motions, and the command is {command!r}; allowed: {moving}"
         )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError, of_option
 from robodyn_cli.model.model import Body
 from robodyn_cli.over.crosscheck.engine import Translation, real, refuse_joint
 from robodyn_cli.over.crosscheck.own_engines import OwnRun, plain_robot
@@ -16,7 +16,7 @@ from robodyn_cli.over.export.robot import GROUND, ExportedLink, ExportedLoop, Ex
 from robodyn_cli.spatial.algebra import Array
 
 STEP = 1e-3  # s, of Drake's tutorials
-MISSING = "--with drake: Drake is not installed: pip install 'robodyn[peers]'"
+MISSING = "Drake is not installed: pip install 'robodyn[peers]'"
 SINGLE = ("revolute", "prismatic")
 # by our joint: Drake's of (its module, name, frame on the parent, frame on the child, damping), along z of these frames
 # but for the universal joint, which turns about x and then y
@@ -47,7 +47,7 @@ class OwnDrake(OwnRun):
 
             from pydrake import all as drake
         except ImportError:
-            raise CapabilityError(MISSING) from None
+            raise of_option("--with drake", MISSING, CapabilityError) from None
         self.drake, self.version, self.bodies = drake, version("drake"), translated.model.bodies
         for body in self.bodies:
             if body.joint.type not in KINDS:

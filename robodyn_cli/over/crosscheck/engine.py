@@ -26,7 +26,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
 from robodyn_cli.spatial.algebra import Array
 
-MISSING = "--with {1}: {0} is not installed: pip install 'robodyn[oracle]'"
+MISSING = "{} is not installed: pip install 'robodyn[oracle]'"
 
 
 @record

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import SubElement
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, of_option
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
@@ -58,7 +58,7 @@ class InPinocchio(engine.PeerEngine):
         try:
             import pinocchio as pin
         except ImportError:
-            raise CapabilityError(engine.MISSING.format("Pinocchio", "pinocchio")) from None
+            raise of_option("--with pinocchio", engine.MISSING.format("Pinocchio"), CapabilityError) from None
         super().__init__(model)
         self.pin, self.version = pin, pin.__version__
         out = pin.Model()
@@ -138,7 +138,7 @@ class InMujoco(engine.PeerEngine):
         try:
             import mujoco
         except ImportError:
-            raise CapabilityError(engine.MISSING.format("MuJoCo", "mujoco")) from None
+            raise of_option("--with mujoco", engine.MISSING.format("MuJoCo"), CapabilityError) from None
         super().__init__(model)
         for body in model.bodies:
             if body.joint.type not in MUJOCO_KINDS:

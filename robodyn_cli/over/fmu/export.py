@@ -15,7 +15,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.foreign import opened
 from robodyn_cli.kernels.as_c.words import text_beside
 from robodyn_cli.over.c99.keys import AskedKey, is_start, key_bounds, parametrised
@@ -51,7 +51,7 @@ def export_fmu(
     CapabilityError : the scene, or a key, cannot leave: by name. OutputError : it cannot be written.
     """
     if target.suffix != SUFFIX:
-        raise CapabilityError(f"--fmu {target}: allowed: a file that ends with {SUFFIX}")
+        raise of_option(f"--fmu {target}", f"allowed: a file that ends with {SUFFIX}", CapabilityError)
     structure, left = fmu_structure(family, asked, inputs)
     library = LoopLibrary(structure, library_name(target.with_suffix("").name), os.path.basename(family.path))
     texts = unit_texts(structure, library)

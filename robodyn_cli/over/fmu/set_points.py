@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.over.c99.functions import ready
 from robodyn_cli.over.c99.keys import AskedKey
@@ -100,5 +100,5 @@ def _reference(family: Family) -> list[_Led]:
     return [_Led(*each) for each in zip(names, units, numbers[: len(q)], numbers[len(q) :])]
 
 
-def _refusal(kind: str, allowed: str) -> CapabilityError:
-    return CapabilityError(f"--input {REFERENCE}: {kind}; allowed: {allowed}")
+def _refusal(kind: str, allowed: str) -> RobodynError:
+    return of_option(f"--input {REFERENCE}", f"{kind}; allowed: {allowed}", CapabilityError)

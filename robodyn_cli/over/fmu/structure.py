@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, of_option
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.model.model import TORQUE
@@ -85,8 +85,10 @@ class FmuStructure(CStructure):
         for k, key in enumerate(self.keys):
             if key.key.name in self.inputs:
                 if key.key.sort != NUMBER:
-                    raise CapabilityError(
-                        f"--input {key.key.name}: allowed: numbers of the equations, as torques, forces, parameters"
+                    raise of_option(
+                        f"--input {key.key.name}",
+                        "allowed: numbers of the equations, as torques, forces, parameters",
+                        CapabilityError,
                     )
                 # an input of zero is a number as any other
                 if key.value in key.key.special:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError
+from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, of_option
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.many import Decision
 from robodyn_cli.integrators.stepping.writer import Tables
@@ -103,9 +103,8 @@ class LiveScene:
         option = self._option(name)
         key = understand(self.family, name, f"{option} {name}")
         if key.sort in SORTS:
-            raise CapabilityError(
-                f"{option} {name}: it {SORTS[key.sort]}; allowed: numbers of the equations, and starts"
-            )
+            allowed = "allowed: numbers of the equations, and starts"
+            raise of_option(f"{option} {name}", f"it {SORTS[key.sort]}; {allowed}", CapabilityError)
         return key
 
     def _live_key(self, mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
@@ -117,18 +116,18 @@ class LiveScene:
         """
         (low, high), asked = ends, f"{self._option(key.name)} {key.name}"
         if key.scale != 1.0:
-            raise CapabilityError(
-                f"{asked}: it has a unit or a sign in the scene; allowed: the key without '#'"
-            )
+            told = "it has a unit or a sign in the scene; allowed: the key without '#'"
+            raise of_option(asked, told, CapabilityError)
         value = value_of(mechanism.family, key.name)
         if value is None:
-            raise CapabilityError(f"{asked}: {NO_VALUE}")
+            raise of_option(asked, NO_VALUE, CapabilityError)
         if self.in_page and not (low < high and math.isfinite(low) and math.isfinite(high)):
-            raise CapabilityError(f"{asked}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
-        if not low <= value <= high:
-            raise CapabilityError(
-                f"{asked}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
+            raise of_option(
+                f"{asked}={low:g}:{high:g}", "allowed: LOW:HIGH with LOW below HIGH", CapabilityError
             )
+        if not low <= value <= high:
+            told = f"the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
+            raise of_option(asked, told, CapabilityError)
         return LiveKey(key, value, low, high)
 
     def _option(self, name: str) -> str:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, of_option
 from robodyn_cli.kernels.wasm import WasmModule
 from robodyn_cli.over.live.given import LiveInverse, given_commands
 from robodyn_cli.over.live.moving import LiveKinematics, kinematic_commands
@@ -60,7 +60,7 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
                     refused.setdefault(key, error)
                     continue
                 if value_of(family, key) is None:  # a map of free names takes any key
-                    refused.setdefault(key, CapabilityError(f"--live {key}: {NO_VALUE}"))
+                    refused.setdefault(key, of_option(f"--live {key}", NO_VALUE, CapabilityError))
                 else:
                     refuse_doubles(family.root, [*ranges, key], "--live")
                     ranges[key] = written
@@ -68,8 +68,8 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
         parts.append(_part(make(family, ranges)) if make is not None and ranges else None)
     for key, _, _ in asked:
         if key not in served:
-            raise refused.get(key) or CapabilityError(
-                f"--live {key}: allowed: keys of scenes of {', '.join(makers)}"
+            raise refused.get(key) or of_option(
+                f"--live {key}", f"allowed: keys of scenes of {', '.join(makers)}", CapabilityError
             )
     return parts
 
@@ -79,7 +79,7 @@ def _written(family: Family, key: str, text: str) -> float:
     asked = f"--live {key}"
     value = value_of(family.with_values([AskedSetting(f"{key}={text}", asked)]), key, asked)
     if value is None:
-        raise CapabilityError(f"--live {key}: {text!r} is no number")
+        raise of_option(f"--live {key}", f"{text!r} is no number", CapabilityError)
     return value
 
 

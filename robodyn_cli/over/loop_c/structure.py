@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.expr.fixed import places
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
@@ -38,9 +38,8 @@ class CStructure(LiveStructure):
         depends = places(entries_of(self.tables))
         for key in self.keys:
             if key.key.sort == NUMBER and key.key.place not in depends:
-                raise CapabilityError(
-                    f"{self._option(key.key.name)} {key.key.name}: nothing in the simulation depends on it as a number"
-                )
+                asked = f"{self._option(key.key.name)} {key.key.name}"
+                raise of_option(asked, "nothing in the simulation depends on it as a number", CapabilityError)
 
     @property
     def is_led(self) -> bool:

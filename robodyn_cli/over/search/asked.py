@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.commands import STUDIED
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, of_option
 from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.model.build import build_model
@@ -172,7 +172,7 @@ def prepare(family: Family, options: SearchOptions) -> Search:
         )
     for path, message in search_problems(options):
         option = "".join(f"--{path[0]} {path[1]}" if len(path) > 1 else f"--{path[0]}")
-        raise SceneError(f"{option}: {message}", key=".".join(("search", *map(str, path))))
+        raise of_option(option, message, key=".".join(("search", *map(str, path))))
     if not options.vary:
         raise SceneError("nothing varies; give --vary 'KEY=uniform(low, high)', or search.vary in the scene")
     named = options.minimise or options.maximise
@@ -192,7 +192,7 @@ def prepare(family: Family, options: SearchOptions) -> Search:
     for option, values in (("--reach", options.reach), ("--keep", options.keep)):
         for name, expected in values.items():
             if fault := unit_fault(scene, scene.command, name, expected):
-                raise SceneError(f"{option} {name}: {fault}", key=name)
+                raise of_option(f"{option} {name}", fault, key=name)
     number = outputs.index
     sign = 0.0 if not named else 1.0 if options.minimise else -1.0
     task = Task(family.with_values(UNJUDGED), scene.command, tuple(options.vary), outputs)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from robodyn_cli.commands import STUDIED
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, of_option
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.many.keys import (
@@ -146,5 +146,5 @@ def _of_key(family: Family, name: str) -> tuple[Key, float]:
         raise refused
     text = "the scene has no number there; allowed: a key with a number, or KEY#n, its n-th number"
     if node is None:
-        raise SceneError(f"--to {name}: {text}", (family.path,), file=family.path, key=name)
+        raise of_option(f"--to {name}", text, key=name)
     raise located(node, name, text)

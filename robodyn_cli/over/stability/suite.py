@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.over.references import TrialReference
 from robodyn_cli.over.stability.cases import CASES, Case
 from robodyn_cli.over.stability.spectrum import Spectrum
@@ -80,7 +80,7 @@ def suite(
     known = [case.name for case in CASES]
     unknown = [name for name in names or () if name not in known]
     if unknown:
-        raise CapabilityError(f"--cases: no case {unknown[0]!r}; allowed: {', '.join(known)}")
+        raise of_option("--cases", f"no case {unknown[0]!r}; allowed: {', '.join(known)}", CapabilityError)
     chosen = [case for case in CASES if not names or case.name in names]
     watch = Stopwatch()
     verdicts = []
@@ -168,4 +168,4 @@ def judge(case: Case, trials: Sequence[MethodTrial], ref: TrialReference | None)
 
 def names_place(trial: MethodTrial) -> bool:
     """Tell whether a breakdown is told with its place."""
-    return trial.failure != "NumericalError" or trial.joint is not None or "singular" in trial.message
+    return trial.failure != "NumericalError" or trial.joint is not None

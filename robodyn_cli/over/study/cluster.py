@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, OutputError
+from robodyn_cli.errors import CapabilityError, OutputError, of_option
 from robodyn_cli.kernels.cache import code_digest
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.over.study.rows import Points, RowFile, RunRows, Task, killed
@@ -24,7 +24,7 @@ from robodyn_cli.over.study.runs import LARGEST_BLOCK, Compiled, SceneSource, Wa
 from robodyn_cli.record import record
 from robodyn_cli.version import __version__
 
-EXTRA = "--scheduler needs the package distributed: pip install 'robodyn[cluster]'"
+EXTRA = "needs the package distributed: pip install 'robodyn[cluster]'"
 CONNECT = 10.0  # s to wait for the scheduler and for a first worker
 LOOK = 1.0  # s between looks at whether there are workers
 PER_WORKER = 2  # chunks: one that is made, one that waits
@@ -112,16 +112,18 @@ class Cluster:
         try:
             import distributed
         except ImportError as error:
-            raise CapabilityError(EXTRA) from error
+            raise of_option("--scheduler", EXTRA, CapabilityError) from error
         for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said by us
         self._dask: Any = distributed
         try:
             self._client = self._dask.Client(self.address, timeout=CONNECT)
         except (OSError, ValueError, ImportError) as error:
-            raise CapabilityError(
-                f"--scheduler {self.address}: no scheduler answers there ({type(error).__name__}); "
-                "allowed: the address of a running one, e.g. tcp://localhost:8786 after 'dask scheduler'"
+            raise of_option(
+                f"--scheduler {self.address}",
+                f"no scheduler answers there ({type(error).__name__}); "
+                "allowed: the address of a running one, e.g. tcp://localhost:8786 after 'dask scheduler'",
+                CapabilityError,
             ) from error
         try:
             self._check()
@@ -134,8 +136,10 @@ class Cluster:
         try:
             self._client.wait_for_workers(1, timeout=CONNECT)
         except self._dask.TimeoutError as error:
-            raise CapabilityError(
-                f"--scheduler {self.address}: it has no workers; start one: dask worker {self.address}"
+            raise of_option(
+                f"--scheduler {self.address}",
+                f"it has no workers; start one: dask worker {self.address}",
+                CapabilityError,
             ) from error
         for worker, version in self._client.run(_version, on_error="return").items():
             if version != _version():
@@ -143,8 +147,10 @@ class Cluster:
                 if isinstance(version, tuple):
                     same = version[0] == __version__
                     fault = f"has robodyn {version[0]}" + (" with other code" if same else "")
-                raise CapabilityError(
-                    f"--scheduler {self.address}: the worker {worker} {fault}; needed on all of them: {__version__}"
+                raise of_option(
+                    f"--scheduler {self.address}",
+                    f"the worker {worker} {fault}; needed on all of them: {__version__}",
+                    CapabilityError,
                 )
 
     def __exit__(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, did_you_mean
+from robodyn_cli.errors import CapabilityError, did_you_mean, of_option
 from robodyn_cli.report import numbers, style
 from robodyn_cli.report.canvas import Sheet, save
 from robodyn_cli.report.drawing import paper
@@ -208,8 +208,10 @@ def animate(
     points = list(result.group("points"))
     if follow is not None and follow not in points:
         listed = ", ".join(points) or "none in this result"
-        raise CapabilityError(
-            f"--follow: no point {follow!r}{did_you_mean(follow, points)}; allowed: {listed}"
+        raise of_option(
+            "--follow",
+            f"no point {follow!r}{did_you_mean(follow, points)}; allowed: {listed}",
+            CapabilityError,
         )
     if suffix == ".png":
         return _strip(result, target, follow)

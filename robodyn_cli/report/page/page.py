@@ -12,7 +12,7 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.report.drawing.build import has_poses
-from robodyn_cli.report.figures import notes, shown_errors, shown_units
+from robodyn_cli.report.figures import alarms, notes, shown_errors, shown_units
 from robodyn_cli.report.numbers import number, typeset
 from robodyn_cli.report.page import several, tables
 from robodyn_cli.report.page.charts import Store, looks
@@ -28,7 +28,6 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.version import __version__
 
 SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
-ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
 LISTED = 12  # moments that have a button
 HELP = (
     "Drag or arrow keys: turn. Ctrl and wheel (wheel alone after a click), pinch, + and −: zoom. Shift and drag: move. "
@@ -110,10 +109,8 @@ def _head(shown: Shown, alone: bool) -> Html:
     ]
     words: list[Any] = [element("span", result.command, class_="label")]
     words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
-    said = [
-        element("li", typeset(note), class_="alarm" if note.startswith(ALARMS) else None)
-        for note in notes(result)
-    ]
+    said = [element("li", typeset(note)) for note in notes(result)]
+    said += [element("li", typeset(alarm), class_="alarm") for alarm in alarms(result)]
     parts = [
         element("h1" if alone else "h2", result.title or shown.label),
         element("p", [told, words], class_="verdicts"),

@@ -108,8 +108,8 @@ def check_points_of_formulas(scene: Scene, check: Check) -> None:
     for path, value in places:
         for place, formula in formulas_at(value, path):
             for reference in (point for name in formula.names for point in points_of(name)):
-                problem = _clash(scene.robot, reference) or point_problem(scene.robot, reference)
                 with check:
+                    problem = _clash(scene.robot, reference) or point_problem(scene.robot, reference)
                     if problem:
                         check.fail(place, f"formula {formula.text!r}: {problem}")
 

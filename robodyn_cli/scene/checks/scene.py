@@ -107,9 +107,10 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     _check_initial(scene, check)
     if scene.trajectory is not None:
         names = names_of(scene, follow is not None or bool(scene.prescribed))
-        for path, message in scene.trajectory.problems(names):
-            with check:
-                check.fail(("trajectory", *path), message)
+        with check:
+            for path, message in scene.trajectory.problems(names):
+                with check:
+                    check.fail(("trajectory", *path), message)
         if not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
     if scene.control is not None or scene.outputs.signals:

@@ -273,7 +273,8 @@ class TooMany(Exception):
 
 
 class Faults:
-    """A list of errors, and a ``with`` block that ends at its first error and adds it to the list.
+    """A list of errors, and a ``with`` block that ends at its first error and adds it to the list; one of which
+    ``details`` say that it ``follows`` from another is left out.
 
     found : the errors, in the order in which they were found.
     lost : keys without a value because a file to be included has an error.
@@ -302,7 +303,8 @@ class Faults:
     ) -> bool:
         if not isinstance(error, SceneError):
             return False
-        self.report(error)
+        if not error.details.get("follows"):
+            self.report(error)
         return True
 
     @property

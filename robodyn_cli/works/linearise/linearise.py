@@ -14,7 +14,7 @@ from robodyn_cli.control.lqr import reached
 from robodyn_cli.equations.linear.poles import pole_errors, without_rounding
 from robodyn_cli.equations.linear.reduce import Linear, linearise_states
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.errors import CapabilityError, SceneError, of_option
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.units import JointColumns, add_motion
@@ -254,8 +254,8 @@ def _samples_at(times: Array, instants: Sequence[float]) -> list[int]:
     """
     for instant in instants:
         if not times[0] - NEAR <= instant <= times[-1] + NEAR:
-            raise SceneError(
-                f"--instants: {instant:g} s is outside the motion; allowed: {times[0]:g} to {times[-1]:g} s"
+            raise of_option(
+                "--instants", f"{instant:g} s is outside the motion; allowed: {times[0]:g} to {times[-1]:g} s"
             )
     nearest = [int(np.argmin(np.abs(times - instant))) for instant in instants]
     return list(dict.fromkeys(nearest))

@@ -14,7 +14,7 @@ from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.linear.reduce import Linear, held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States, by_steps, by_symbols, evaluated
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, SceneError, did_you_mean
+from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, did_you_mean, of_option
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.integrable import integrable
@@ -47,10 +47,10 @@ def inputs_of(problem: Problem, names: Sequence[str]) -> tuple[int, ...]:
     for name in names:
         _known("--input", name, model.v_names)
         if name in scene.prescribed:
-            raise SceneError(f"--input {name}: the joint is prescribed, so no torque moves it")
+            raise of_option(f"--input {name}", "the joint is prescribed, so no torque moves it")
         places.append(model.v_names.index(name))
     if len(set(places)) < len(places):
-        raise SceneError(f"--input: a joint is given twice among {', '.join(names)}")
+        raise of_option("--input", f"a joint is given twice among {', '.join(names)}")
     return tuple(places)
 
 
@@ -160,17 +160,18 @@ def _formula_of(name: str, signal: Any, names: Mapping[str, Any]) -> Any:
     formula = getattr(signal, "value", signal)
     missing = sorted(formula.names - names.keys())
     if missing:
-        raise SceneError(
-            f"--output {name}: its formula needs {', '.join(missing)} of the controller, which is no part of the "
-            "linear model; allowed: formulas of t, q, qd, tau and parameters"
+        raise of_option(
+            f"--output {name}",
+            f"its formula needs {', '.join(missing)} of the controller, which is no part of the "
+            "linear model; allowed: formulas of t, q, qd, tau and parameters",
         )
     return formula.evaluate(names)
 
 
 def _known(option: str, name: str, allowed: Sequence[str]) -> None:
     if name not in allowed:
-        raise SceneError(
-            f"{option} {name}: unknown{did_you_mean(name, list(allowed))}; allowed: {', '.join(allowed)}"
+        raise of_option(
+            f"{option} {name}", f"unknown{did_you_mean(name, list(allowed))}; allowed: {', '.join(allowed)}"
         )
 
 
@@ -363,7 +364,7 @@ def _along(scene: Scene, watch: Stopwatch) -> Along:
     """
     command = scene.command or "simulate"
     if command not in ALONG:
-        raise SceneError(f"--along: the scene's command is {command!r}; allowed: {', '.join(ALONG)}, or none")
+        raise of_option("--along", f"the command is {command!r}; allowed: {', '.join(ALONG)}, or none")
     return ALONG[command](scene, watch)
 
 

@@ -8,7 +8,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import of_option
 from robodyn_cli.observe.controllers.design import add_design
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -65,12 +65,13 @@ def sampling_of(scene: Scene, period: float | None = None, delay: float | None =
         delay = float(own.delay) if delay is None else delay
     if period is None:
         if delay is not None:
-            raise SceneError("--delay goes with --period, or with a controller that has one")
+            raise of_option("--delay", "goes with --period, or with a controller that has one")
         return None
     late = 0.0 if delay is None else delay
     if not (math.isfinite(period) and period > 0.0 and 0.0 <= late <= MOST * period):
-        raise SceneError(
-            f"--period {period:g}, --delay {late:g}; allowed: a period > 0 s, a delay of 0 to {MOST} periods"
+        raise of_option(
+            f"--period {period:g}, --delay {late:g}",
+            f"allowed: a period > 0 s, a delay of 0 to {MOST} periods",
         )
     whole = math.floor(late / period + SHORT)
     rest = late - whole * period
