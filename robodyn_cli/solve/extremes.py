@@ -87,8 +87,10 @@ def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     found = _joined([_of_pieces(times, y, *own) for own in alike])
     column, first = (np.concatenate([own[1][k] for own in alike]).astype(int) for k in (COLUMN, FIRST))
     found = _over_pieces(found, column, first, n)
-    # samples that follow no smooth function say no more than their range
-    return dataclasses.replace(found, error=np.minimum(found.error, 2.0 * np.ptp(y, axis=0)))
+    # samples that follow no smooth function say no more than their range, no polynomial says more than its rounding
+    most = 2.0 * np.ptp(y, axis=0)
+    error = np.minimum(np.maximum(found.error, FLAT * np.abs(y).max(axis=0)), most)
+    return dataclasses.replace(found, error=error)
 
 
 # what is known of pieces of columns: the column, the first sample of the piece, and the first and the last one of its

@@ -123,8 +123,9 @@ def _turns(times: Array, motion: JointMotion, columns: set[int]) -> list[tuple[f
 
 def settled(v: Array) -> Array:
     """Return rates (T, n) of which those that rounding alone may make are zero, so that it decides the sign of no loss;
-    at the first and the last sample they go as beside these."""
-    rounded = (v != 0.0) & (np.abs(v) <= ROUNDED * np.abs(v).max(initial=0.0))
+    at the first and the last sample these, and zeros, have the sign of those beside them: losses there are those of
+    the motion that begins or ends."""
+    rounded = np.abs(v) <= ROUNDED * np.abs(v).max(initial=0.0)
     if not rounded.any():
         return v
     found, least = np.where(rounded, 0.0, v), LEAST * np.abs(v).max(initial=0.0)

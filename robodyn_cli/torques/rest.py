@@ -36,11 +36,11 @@ def with_rest(problem: Problem, planned: Planned) -> Planned:
 
 
 def _begin_as_they_go_on(rates: Array, times: Array) -> None:
-    """Give rates (T,) of zero at either end of a piece between knots, where samples lie at both of its ends, the sign
-    that they have inside: friction there is that of the piece."""
-    gaps = gaps_between(times)
-    if not gaps.size:
+    """Give rates (T,) of zero at either end of the motion, and of a piece between knots where samples lie at both of
+    its ends, the sign that they have inside: friction there is that of the piece."""
+    if len(times) < 2:
         return
+    gaps = gaps_between(times)
     for ends, inside in ((np.append(0, gaps + 1), 1), (np.append(gaps, len(times) - 1), -1)):
         ends = ends[rates[ends] == 0.0]
         rates[ends] = LEAST * np.sign(rates[ends + inside])

@@ -174,3 +174,12 @@ def test_a_time_is_as_uncertain_as_the_pieces_that_may_hold_the_largest_value() 
         y = top * np.array(sizes)[np.minimum(t.astype(int), 2)][:, None]
         found = largest(t, y, [100.0, 200.0])
         assert found.time[0] == pytest.approx(0.5) and (found.time_error[0] > 1.9) == apart
+
+
+def test_tops_of_smooth_functions_are_no_better_than_the_rounding_of_polynomials() -> None:
+    """100 + cos(w (t - s)) is 101 at most, whatever the samples are."""
+    for samples in range(200, 1200, 7):
+        times = np.linspace(0.0, 2.0, samples)
+        found = largest(times, 100.0 + np.cos(3.0 * np.subtract.outer(times, np.linspace(0.3, 1.7, 30))))
+        off = np.abs(found.value - 101.0)
+        assert np.all(off <= found.error) and found.error.max() < 1e-6, samples

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
@@ -152,6 +154,32 @@ def test_forces_in_the_joints_carry_their_signs() -> None:
     assert result.variables["tau"].units == "N or N m" and result.variables["q"].units == "m or rad"
     assert result.summary["joints"]["lift"]["units"]["torque"] == "N"
     assert result.summary["round_trip"] < 1e-13
+
+
+@pytest.mark.parametrize("samples", (51, 101, 400))
+@pytest.mark.parametrize("upward", (True, False))
+def test_dry_friction_from_rest_to_rest_is_that_of_the_motion_beside(upward: bool, samples: int) -> None:
+    m, F, T, d = 3.0, 30.0, 1.6, 0.4 if upward else -0.4
+    slider = {"name": "lift", "type": "prismatic", "axis": [0, 0, 1], "friction": {"coulomb": F}}
+    scene = {
+        "schema": 1,
+        "gravity": [0, 0, -9.81],
+        "robot": {"joints": [slider], "links": [{"name": "car", "mass": m}]},
+        "trajectory": {
+            "type": "quintic",
+            "points": [{"t": 0, "q": {"lift": 0.1}}, {"t": T, "q": {"lift": 0.1 + d}}],
+        },
+        "inverse": {"samples": samples},
+    }
+    figures = inverse(load_scene_text(yaml.safe_dump(scene))).summary["joints"]["lift"]
+    level, a = m * 9.81 + math.copysign(F, d), m * d / T**2
+    expected = {
+        "peak_torque": max(abs(level + sign * a * 10.0 / math.sqrt(3.0)) for sign in (1.0, -1.0)),
+        "rms_torque": math.sqrt(level**2 + a**2 * 120.0 / 7.0),
+    }
+    for name, value in expected.items():
+        off, stated = abs(figures[name] - value), figures["errors"][name]
+        assert off <= stated + 1e-14 * value and stated < 2e-5 * value, (name, off, stated)
 
 
 def test_places_are_in_the_world() -> None:
