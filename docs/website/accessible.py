@@ -1,4 +1,7 @@
-"""Check built pages by axe: names, contrasts, headings and keys, by day and by night.
+"""Check built pages by axe: names, headings and keys on a screen and on a telephone, contrasts by day and by night.
+
+Each page is loaded once; what differs between the states is judged in each of them. On a telephone no page is wider
+than the screen.
 
 python -m website.accessible OUT/html
 """
@@ -18,7 +21,9 @@ from playwright.async_api import Browser, Page, async_playwright
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SHOWN = 3  # places of a rule on a page
 LONGEST = 300  # seconds that a page may take to load
-# by night a page differs in its colours alone
+# below 63 em the side bar becomes a drawer behind a button, and code and tables scroll
+SCREEN, TELEPHONE = {"width": 1400, "height": 1000}, {"width": 400, "height": 800}
+# by night a page differs in its colours alone, and they are the same in all widths
 COLOURS = {"resultTypes": ["violations"], "runOnly": ["color-contrast"]}
 OTHERS = {"resultTypes": ["violations"], "rules": {"color-contrast": {"enabled": False}}}
 # colours that are on their way to others would be judged as they are then
@@ -28,7 +33,28 @@ document.head.append(Object.assign(document.createElement('style'), {textContent
 """
 # rows and items look like those before them, and axe takes a minute for the colours of thousands
 THINNED = """
-document.querySelectorAll('tbody, ul, ol').forEach((one) => [...one.children].slice(20).forEach((row) => row.remove()));
+document.querySelectorAll('tbody, ul, ol').forEach((one) => [...one.children].slice(10).forEach((row) => row.remove()));
+"""
+STATES = (
+    ("wide", "light", SCREEN, READY, OTHERS),
+    ("narrow", "light", TELEPHONE, "", OTHERS),
+    ("light", "light", SCREEN, THINNED, COLOURS),
+    ("dark", "dark", SCREEN, "", COLOURS),
+)
+# a page hears of its new size with the next frame
+DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+# the innermost things that stand out of a page and do not scroll inside something
+TOO_WIDE = """
+() => {
+  if (document.documentElement.scrollWidth <= innerWidth) return [];
+  const found = [...document.querySelectorAll('main *')].filter((one) => {
+    if (one.getBoundingClientRect().right <= innerWidth + 1) return false;
+    for (let up = one.parentElement; up; up = up.parentElement)
+      if (getComputedStyle(up).overflowX !== 'visible' && up !== document.body) return false;
+    return ![...one.children].some((inner) => inner.getBoundingClientRect().right > innerWidth + 1);
+  });
+  return (found.length ? found : [document.body]).map((one) => one.outerHTML);
+}
 """
 
 
@@ -68,20 +94,24 @@ async def in_tab(browser: Browser, pages: Iterator[Path], folder: Path) -> int:
 
 
 async def found_on(tab: Page) -> AsyncIterator[str]:
-    """Yield what axe finds against the page of a tab by day and by night."""
-    for scheme, change, options in (
-        ("light", READY, OTHERS),
-        ("light", THINNED, COLOURS),
-        ("dark", "", COLOURS),
-    ):
-        await tab.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+    """Yield what is wrong with the page of a tab, in each state."""
+    for state, scheme, size, change, options in STATES:
+        await tab.emulate_media(color_scheme=scheme)
+        await tab.set_viewport_size(size)
         await tab.evaluate(change)
+        await tab.evaluate(DRAWN)
+        if size is TELEPHONE and (places := await tab.evaluate(TOO_WIDE)):
+            yield told(state, "wider than the screen", places)
         for rule in (await tab.evaluate("(options) => axe.run(document, options)", options))["violations"]:
-            places = [node["html"][:160] for node in rule["nodes"]]
-            yield f"({scheme}): {rule['id']} ({len(places)}): {rule['help']}: {'; '.join(places[:SHOWN])}"
+            yield told(state, f"{rule['id']}: {rule['help']}", [node["html"] for node in rule["nodes"]])
+
+
+def told(state: str, fault: str, places: list[str]) -> str:
+    """Return a fault with the first of its places."""
+    return f"({state}): {fault} ({len(places)}): {'; '.join(place[:160] for place in places[:SHOWN])}"
 
 
 if __name__ == "__main__":
     count = asyncio.run(barriers(Path(sys.argv[1]).resolve(), os.cpu_count() or 1))
-    print(f"axe finds {count} faults of pages" if count else "axe finds nothing against the pages")
+    print(f"{count} faults of pages" if count else "axe finds nothing against the pages")
     sys.exit(bool(count))

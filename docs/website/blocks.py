@@ -1,9 +1,10 @@
 """Run the code of pages as a reader does: ``robodyn`` in ``sh`` blocks, ``python`` blocks, page by page from above.
 
-    python -m website.blocks OUT [PAGE ...]
+    python -m website.blocks OUT [PAGE | COMMAND ...]
 
 Pages of ``docs/tutorials`` begin in an empty folder, others in one with ``configs``. Scenes in ``yaml`` blocks are
-loaded, whole ones run, by the tests. The page ``help`` stands for the examples in the help of all commands.
+loaded, whole ones run, by the tests. A command in place of a page stands for the examples in its help; they begin in a
+folder with ``configs`` and some results, of their own.
 ``<!-- not run: why -->`` above a block leaves it out, and so does ``<!-- file: NAME -->``, as the tests run it beside
 that file; ``<!-- exit: 2 -->`` tells how it ends.
 """
@@ -32,7 +33,7 @@ LONGEST = 1800  # seconds for a block
 ELSEWHERE = ("docs/adding/", "docs/index.md", "CONTRIBUTING.md", "CHANGELOG.md")
 
 HELP = "help"
-# what the examples in the help of commands take as there; they follow one another in the order of the commands
+# what the examples in the help of commands take as there
 BEFORE = (
     "inverse configs/2r_circle.yaml --no-plots",
     "simulate configs/double_pendulum.yaml --no-plots",
@@ -49,14 +50,6 @@ ENDS = {
 }
 
 
-def of_help() -> Iterator[tuple[str, str, int]]:
-    """Yield (language, code, exit code) of the examples in the help of commands, and of what comes before them."""
-    for words in BEFORE:
-        yield "sh", f"robodyn {words}", 0
-    for words in (line for command in COMMANDS for line in examples(command)):
-        yield "sh", f"robodyn {words}", ENDS.get(words, 0)
-
-
 def blocks(page: str) -> Iterator[tuple[str, str, int]]:
     """Yield (language, code, exit code) of the blocks of a page that are run."""
     for word, value, language, code in BLOCK.findall((ROOT / page).read_text(encoding="utf-8")):
@@ -67,18 +60,44 @@ def blocks(page: str) -> Iterator[tuple[str, str, int]]:
             yield language, code, int(value) if word == "exit" else 0
 
 
-def followed(page: str, out: Path) -> int:
-    """Run the code of a page, tell at once what fails, and return how much that is."""
+def code_of(page: str) -> Iterator[tuple[str, str, int]]:
+    """Yield (language, code, exit code) of a page, of the examples in the help of a command, or of what these need."""
+    if page == HELP:
+        yield from (("sh", f"robodyn {words}", 0) for words in BEFORE)
+    elif page in COMMANDS:
+        yield from (("sh", f"robodyn {words}", ENDS.get(words, 0)) for words in examples(page))
+    else:
+        yield from blocks(page)
+
+
+def folder_of(page: str, out: Path) -> Path:
+    """Return the folder in which the code of a page begins, made afresh."""
     folder = out / "blocks" / re.sub(r"\W+", "-", page)
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    if "tutorials/" not in page:
+    if page in COMMANDS:
+        shutil.copytree(out / "blocks" / HELP, folder, dirs_exist_ok=True)
+    elif "tutorials/" not in page:
         shutil.copytree(ROOT / "configs", folder / "configs")
-    failed = 0
+    return folder
+
+
+def environment_of(page: str, folder: Path) -> dict[str, str]:
+    """Return the environment in which the code of a page runs: nothing opens a window."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "BROWSER": "true", "MPLBACKEND": "agg"}
     environment.pop("PYTHONPATH", None)
-    for language, code, wanted in of_help() if page == HELP else blocks(page):
+    if page == "cache":  # others need theirs, which its examples would clear
+        environment["ROBODYN_CACHE"] = str(folder / "cache")
+    return environment
+
+
+def followed(page: str, out: Path) -> int:
+    """Run the code of a page, tell at once what fails, and return how much that is."""
+    folder = folder_of(page, out)
+    environment = environment_of(page, folder)
+    failed = 0
+    for language, code, wanted in code_of(page):
         begin = time.monotonic()
         words = ["bash", "-e", "-c", code] if language == "sh" else [sys.executable, "-c", code]
         run = subprocess.run(
@@ -95,13 +114,13 @@ def followed(page: str, out: Path) -> int:
 
 
 def main(out: Path, pages: list[str]) -> int:
-    """Run the code of all pages, or of some; return the exit code."""
-    chosen = pages or [
-        HELP,
-        *(p for p in [*sources(), "README.md"] if p.endswith(".md") and not p.startswith(ELSEWHERE)),
-    ]
+    """Run the code of all pages and the examples of all commands, or of some; return the exit code."""
+    written = [p for p in sources() if p.endswith(".md") and not p.startswith(ELSEWHERE)]
+    # of commands those that take longest are among the last, and begin first, so that none is left alone at the end
+    chosen = pages or ["README.md", *reversed(COMMANDS), *written]
+    failed = followed(HELP, out) if set(chosen) & set(COMMANDS) else 0
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        failed = sum(pool.map(lambda page: followed(page, out), chosen))
+        failed += sum(pool.map(lambda page: followed(page, out), chosen))
     print(f"{failed} blocks fail" if failed else "all code of the pages runs")
     return bool(failed)
 

@@ -96,8 +96,10 @@ def index(shots: list[Shot]) -> str:
         "# Gallery\n\nEvery scene of the [examples](../commands/new.md), by the command that it names, and "
         "[every kind of plot](plots.md).\n`robodyn new --example NAME` writes a scene and what it includes."
     ]
+    paths = ["gallery/plots.md"]
     for folder, heading in GROUPS.items():
         inside = [shot for shot in shots if posixpath.dirname(shot.scene) == folder]
+        paths += [f"gallery/{shot.scene}.md" for shot in inside]
         entries = [
             figure(
                 f"../{picture(s, CARDS.get(s.scene, 'mechanism'))}",
@@ -108,7 +110,6 @@ def index(shots: list[Shot]) -> str:
             for s in inside
         ]
         parts.append(f"## {heading}\n\n{cards(entries)}")
-    paths = ["gallery/plots.md", *(f"gallery/{shot.scene}.md" for shot in shots)]
     return "\n".join([*parts, toctree("gallery/index.md", paths).replace(":maxdepth", ":hidden:\n:maxdepth")])
 
 

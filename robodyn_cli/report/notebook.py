@@ -64,7 +64,8 @@ def as_html(result: Result) -> str:
     pictures = "".join(_picture(name, png(draw(result, name))) for name in shown if name is not None)
     head = f"<b>{html.escape(result.title)}</b><br>{html.escape(f'{result.command}: {result.status}')}"
     said = "".join(f"<br>{html.escape(typeset(text))}" for text in [*notes(result), *alarms(result)])
-    left = f"<div><p>{head}{said}</p>{''.join(_table(table) for table in tables(result))}</div>"
+    # where tables are wider than the page they scroll alone: what is said of them keeps to it
+    left = f'<div style="max-width:100%"><p>{head}{said}</p>{"".join(_table(table) for table in tables(result))}</div>'
     return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:flex-start">{left}{pictures}</div>'
 
 
@@ -78,7 +79,9 @@ def _table(table: Table) -> str:
     rows = "".join(_row(row, "td") for row in table.rows[:MOST_ROWS])
     foot = f"<p>and {more} more</p>" if more > 0 else ""
     foot += f"<p><small>{html.escape(typeset(table.meaning))}</small></p>" if table.meaning else ""
-    return f"<table><thead>{_row(table.head, 'th')}</thead><tbody>{rows}</tbody></table>{foot}"
+    # a row of empty headers would be read aloud as such
+    head = f"<thead>{_row(table.head, 'th')}</thead>" if any(table.head) else ""
+    return f'<div style="overflow-x:auto"><table>{head}<tbody>{rows}</tbody></table></div>{foot}'
 
 
 def _row(cells: Sequence[Any], kind: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -26,7 +27,7 @@ def write(folder: Path, name: str, body: str, style: str = "") -> None:
     (folder / f"{name}.html").write_text(PAGE.format(title=name, body=body, style=style))
 
 
-def test_axe_looks_at_every_page_by_day_and_by_night(tmp_path: Path, chromium: Any) -> None:
+def test_axe_looks_at_every_page_on_screens_of_all_kinds(tmp_path: Path, chromium: Any) -> None:
     for k in range(5):
         write(tmp_path, f"good{k}", "<p>words</p>")
     fine = judged(tmp_path)
@@ -34,18 +35,24 @@ def test_axe_looks_at_every_page_by_day_and_by_night(tmp_path: Path, chromium: A
     write(tmp_path, "headless", "<table><tr><th></th><th>b</th></tr><tr><td>1</td><td>2</td></tr></table>")
     write(tmp_path, "folded", "<details><summary>more</summary><img src='x.png'></details>")
     write(tmp_path, "night", "<p>words</p>", NIGHT)
+    write(tmp_path, "wide", "<p><code>words</code></p>", "code {display: block; width: 40em}")
+    write(tmp_path, "scrolls", "<div><p>words</p></div>", "div {overflow-x: auto} p {width: 30em}")
     write(
         tmp_path, "long", f"<ul>{'<li>words</li>' * 40}<li><img src='x'></ul><p>words</p>", "p {color: #ddd}"
     )
     found = judged(tmp_path)
     assert found.returncode == 1
-    said = sorted(line.partition(" (1)")[0] for line in found.stdout.splitlines())
+    said = sorted(re.split(r"(?<=[a-z]):| \(1\)", line)[0] for line in found.stdout.splitlines())
     assert said == [
-        "axe finds 6 faults of pages",
-        "folded.html (light): image-alt",
-        "headless.html (light): empty-table-header",
+        "10 faults of pages",
+        "folded.html (narrow): image-alt",
+        "folded.html (wide): image-alt",
+        "headless.html (narrow): empty-table-header",
+        "headless.html (wide): empty-table-header",
         "long.html (dark): color-contrast",
         "long.html (light): color-contrast",
-        "long.html (light): image-alt",
+        "long.html (narrow): image-alt",
+        "long.html (wide): image-alt",
         "night.html (dark): color-contrast",
+        "wide.html (narrow): wider than the screen",
     ]

@@ -82,6 +82,7 @@ def test_every_command_shows_its_figures_and_its_mechanism(command: str) -> None
     result = run(load_scene(CONFIGS / f"{scene}.yaml"))
     page = Page(result._repr_html_())
     assert result.title in page.text and f"{command}: {result.status}" in page.text
+    assert all(any(row) for row in page.rows), "no row of empty headers, which would be read aloud"
     names = [row[0] for row in page.rows]
     for name in result.variables["q"].names:
         assert name in names

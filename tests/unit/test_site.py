@@ -16,8 +16,9 @@ from website.contents import listed
 from website.examples import WITHOUT, all_examples
 from website.gallery import CARDS, index, names, whole
 from website.indexes import messages
+from website.mathml import side_by_side
 from website.pages import DOCS, ROOT, Links, Site, sources
-from website.runs import Shot, done, drawing, scenes
+from website.runs import Shot, done, drawing, examples, scenes
 from website.text import headings, sections, slug
 
 import robodyn
@@ -113,6 +114,39 @@ def test_what_fails_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "exit code" in said[1] and said[1].endswith("seen\n"), "at once, with what it has printed"
 
 
+def test_examples_in_help_run_each_command_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside one another, from the same results; what clears kernels has some of its own."""
+    ran: list[tuple[str, str, str]] = []
+
+    def end(
+        words: list[str], *, cwd: Path, env: dict[str, str], **_: object
+    ) -> subprocess.CompletedProcess[str]:
+        ran.append((words[-1], cwd.name, env.get("ROBODYN_CACHE", "")))
+        (cwd / words[-1].split()[1]).touch()
+        return subprocess.CompletedProcess(
+            words, blocks.ENDS.get(words[-1].removeprefix("robodyn "), 0), "", ""
+        )
+
+    monkeypatch.setattr(subprocess, "run", end)
+    monkeypatch.setenv("ROBODYN_CACHE", "of-all")
+    assert blocks.main(tmp_path, ["cache", "compare"]) == 0
+    before = len(blocks.BEFORE)
+    assert {folder for _, folder, _ in ran[:before]} == {blocks.HELP}
+    assert sorted(words for words, _, _ in ran[before:]) == sorted(
+        f"robodyn {words}" for name in ("cache", "compare") for words in examples(name)
+    )
+    for name, cache in (("cache", str(tmp_path / "blocks/cache/cache")), ("compare", "of-all")):
+        assert {cache} == {used for _, folder, used in ran if folder == name}
+        made = {path.name for path in (tmp_path / "blocks" / name).iterdir()}
+        assert made == {"configs", name, *(words.split()[0] for words in blocks.BEFORE)}
+
+
+def test_formulas_side_by_side_are_parted_at_wide_spaces_outside_of_others() -> None:
+    inside = r"\left\{ c \quad d \right. = \begin{cases} x \quad \text{if } y \end{cases}"
+    assert side_by_side(rf"a, \qquad {inside} \quad \{{b") == ["a, ", f" {inside} ", r" \{b"]
+    assert side_by_side(r"a \qquad") == ["a "]
+
+
 def test_headers_of_tables_have_words() -> None:
     """Formulas alone, and nothing, have no name for those who listen."""
     for name in (name for name in [*sources(), "README.md"] if name.endswith(".md")):
@@ -150,6 +184,16 @@ def test_the_first_page_has_three_commands_to_the_first_picture() -> None:
     )
     assert len(blocks) == 1 and len(blocks[0].splitlines()) == 3
     assert "pip install robodyn\n" in blocks[0]
+
+
+def test_the_lock_of_the_first_page_and_the_tutorial_is_that_of_the_readme() -> None:
+    """Which is what the command prints (docs/make_results.py)."""
+    lock = re.search(
+        r"^  time +(12\.28\S+ \+- \S+ s)$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE
+    )
+    for name in ("index.md", "tutorials/deployable.md"):
+        text = (DOCS / name).read_text(encoding="utf-8")
+        assert lock and re.findall(r"12\.28\d+ \+- \S+ s", text) == [lock[1]], name
 
 
 def test_every_section_of_a_scene_has_a_whole_example() -> None:

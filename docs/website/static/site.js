@@ -6,7 +6,7 @@ document.addEventListener("DOMContentLoaded", () => {
   if (!document.querySelector("h1")) document.querySelector("[role=main]")?.prepend(Object.assign(document.createElement("h1"), { textContent: "Search" }));
   // code that is wider than the screen scrolls by keys
   const scrolled = () => {
-    for (const one of document.querySelectorAll("pre, .cell_output, .formula, .table-wrapper")) {
+    for (const one of document.querySelectorAll("pre, .cell_output, .cell_output div, .formula, .table-wrapper")) {
       if (one.scrollWidth > one.clientWidth) one.tabIndex = 0; else one.removeAttribute("tabindex");
     }
   };
