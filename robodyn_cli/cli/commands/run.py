@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 EXAMPLES = (
-    "run configs",
-    "run configs --junit report.xml",
-    "run configs --baseline baseline",
+    "run configs --no-plots",
+    "run configs --no-plots --junit report.xml",
+    "run configs --no-plots --baseline baseline",
 )
 
 

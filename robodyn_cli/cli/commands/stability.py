@@ -18,7 +18,7 @@ from robodyn_cli.summaries.facts import rounded_up
 EXAMPLES = (
     "stability configs/double_pendulum.yaml",
     "stability configs/stick_slip.yaml --json",
-    "stability --suite",
+    "stability --suite --cases spring_1e6,nearly_singular_mass",
 )
 
 
