@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from robodyn_cli.cli.words import table, typed
 from robodyn_cli.report.cells import Figure, Table, is_number
-from robodyn_cli.report.figures import declared, errors, headlines
+from robodyn_cli.report.figures import declared, drive_figures, drive_verdicts, errors, headlines
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_until
 
@@ -22,6 +22,11 @@ def figure_lines(result: Result, verbose: bool) -> list[str]:
             lines += _rows(one, verbose)
         else:
             lines += [f"  {words!s:<18} {typed(str(value))}" for words, value in one.rows]
+    drives = [*drive_verdicts(result.summary), *(drive_figures(result.summary) if verbose else ())]
+    for one in drives:
+        lines.append(figure_table(one))
+    if drives and "catalogue" in result.summary:
+        lines.append(f"  catalogue          {result.summary['catalogue']}")
     return lines + _error_lines(result, verbose)
 
 
@@ -43,9 +48,9 @@ def _error_lines(result: Result, verbose: bool) -> list[str]:
     return [f"  {'' if k else 'errors':<18} {text}" for k, text in enumerate(listed)]
 
 
-def _rows(one: Table, verbose: bool) -> list[str]:
-    shown = one.rows if verbose else _largest(one.rows)
-    names, *columns = zip(*shown)
+def figure_table(one: Table) -> str:
+    """Return a table of figures as a terminal shows it: a unit that all of a column have stands in its heading."""
+    names, *columns = zip(*one.rows)
     heads, cells = [one.head[0]], []
     for head, column in zip(one.head[1:], columns):
         units = {cell.unit for cell in column if isinstance(cell, Figure) and cell.value is not None}
@@ -55,7 +60,12 @@ def _rows(one: Table, verbose: bool) -> list[str]:
         else:
             heads.append(head)
             cells.append([typed(str(cell)) for cell in column])
-    lines = [table([heads, *zip(names, *cells)])]
+    return table([heads, *zip(names, *cells)])
+
+
+def _rows(one: Table, verbose: bool) -> list[str]:
+    shown = one.rows if verbose else _largest(one.rows)
+    lines = [figure_table(Table(one.head, shown))]
     if len(shown) < len(one.rows):
         lines.append(f"  ... and {len(one.rows) - len(shown)} more with smaller {one.head[1]}; -v tells all")
     return lines + (

@@ -201,42 +201,6 @@ def closure_text(closure: Mapping[str, float]) -> str:
     )
 
 
-# of the table of drives: heading, path of the key below that of the joint, digits
-DRIVE_FIGURES: tuple[tuple[str, tuple[str, ...], int], ...] = (
-    ("peak torque [N m]", ("shaft", "peak_torque"), 4),
-    ("RMS torque [N m]", ("shaft", "rms_torque"), 4),
-    ("peak speed [rad/s]", ("shaft", "peak_speed"), 4),
-    ("RMS current [A]", ("electrical", "rms_current"), 4),
-    ("winding [degC]", ("winding", "peak"), 4),
-)
-
-
-def drive_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return the lines about motors and gears: whether each bears its duty, by what margin, and what it bears."""
-    drives: Mapping[str, Mapping[str, Any]] = summary.get("drives", {})
-    if not drives:
-        return []
-    every = list(drives.values())
-    columns = [
-        ["joint", *drives],
-        ["motor", *(_parts(one) for one in every)],
-        ["margin", *(margin_text(one["margin"]) for one in every)],
-        ["decides", *(_decides(one) for one in every)],
-        ["verdict", *("bears it" if one["passes"] else "TOO SMALL" for one in every)],
-        *(
-            [heading, *(number(_below(one, path), digits) for one in every)]
-            for heading, path, digits in DRIVE_FIGURES
-        ),
-    ]
-    lines = [table(list(zip(*columns)))]
-    off = max((_below(one, ("errors", "margin")) or 0.0 for one in every), default=0.0)
-    if off > 0.0:
-        lines.append(f"  sampling           margins off by some {rounded_up(100.0 * off, 1):.1g} %")
-    if "catalogue" in summary:
-        lines.append(f"  catalogue          {summary['catalogue']}")
-    return lines
-
-
 def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return the lines about margins of motorisation: of each driven joint the least ratio, where, and whether it
     suffices."""
@@ -248,8 +212,8 @@ def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
                 name,
                 _ratio_words(one),
                 number(one["required"], 4),
-                number(one["time"], 5),
-                number(one.get("angle"), 5),
+                _with_error(one, "time"),
+                _with_error(one, "angle") if "angle" in one else "-",
                 one["decides"] or "",
                 "met" if one["met"] else "TOO LITTLE",
             ]
@@ -263,25 +227,11 @@ def _ratio_words(one: Mapping[str, Any]) -> str:
     return stated(one["ratio"], one["errors"]["ratio"])
 
 
-def margin_text(margin: float) -> str:
-    """Return the part of a limit that is left, or, where more than twice the limit is asked for, how much."""
-    return f"{number(100.0 * margin, 3)} %" if margin >= -1.0 else f"{number(1.0 - margin, 3)} x limit"
+def margin_text(part: float, error: float | None) -> str:
+    """Return the part of a limit that is left, with its error."""
+    from robodyn_cli.report.figures import margin
 
-
-def _parts(drive: Mapping[str, Any]) -> str:
-    count = f"{drive['count']} x " if drive["count"] > 1 else ""
-    return count + " + ".join(drive[key] for key in ("motor", "gear", "brake") if drive[key] is not None)
-
-
-def _decides(drive: Mapping[str, Any]) -> str:
-    at = f" at {number(drive['time'], 4)} s" if "time" in drive else ""
-    return drive["decides"].replace("_", " ") + at
-
-
-def _below(value: Any, path: tuple[str, ...]) -> Any:
-    for key in path:
-        value = value.get(key) if isinstance(value, Mapping) else None
-    return value
+    return typed(str(margin(part, error)))
 
 
 def _with_error(figures: Mapping[str, Any], key: str) -> str:

@@ -98,7 +98,7 @@ def declared(result: Result) -> list[Table]:
 
 
 def _declared(result: Result, summary: Summary) -> list[Table]:
-    return [*declared(result), *_drives(summary)]
+    return [*declared(result), *drive_verdicts(summary), *drive_figures(summary)]
 
 
 def _tables(result: Result, columns: Mapping[tuple[str, ...], Leaf]) -> list[Table]:
@@ -197,29 +197,49 @@ def _larger(*errors: Any) -> float | None:
     return max((x for x in errors if is_number(x)), default=None)
 
 
-def _drives(summary: Summary) -> list[Table]:
-    """Return what motors bear, with their errors, and the margin of what decides."""
-    rows = []
-    for name, drive in summary.get("drives", {}).items():
-        errors = drive.get("errors", {})
+# of the table of drives: heading, its key below a drive, that of its error, unit
+BORNE = (
+    ("peak torque", ("shaft", "peak_torque"), ("shaft", "errors", "peak_torque"), "N m"),
+    ("RMS torque", ("shaft", "rms_torque"), ("shaft", "errors", "rms_torque"), "N m"),
+    ("peak speed", ("shaft", "peak_speed"), ("shaft", "errors", "peak_speed"), "rad/s"),
+    ("RMS current", ("electrical", "rms_current"), ("electrical", "errors", "rms_current"), "A"),
+    ("winding", ("winding", "peak"), ("winding", "error"), "degC"),
+)
+
+
+def drive_verdicts(summary: Summary) -> list[Table]:
+    """Return whether each drive bears its duty, and the margin of what decides, with its error."""
+    rows: list[list[str | Figure]] = []
+    for name, drive in (summary.get("drives") or {}).items():
+        errors = drive["errors"]
         parts = " + ".join(drive[key] for key in ("motor", "gear", "brake") if drive[key] is not None)
+        at = f" at {figure(drive['time'], errors.get('time'), 's')}" if "time" in drive else ""
         rows.append(
             [
                 name,
                 parts if drive["count"] == 1 else f"{drive['count']} x {parts}",
-                figure(drive["shaft"]["rms_torque"], errors.get("rms_torque"), "N m"),
-                figure(_at(drive, "electrical", "rms_current"), errors.get("rms_current"), "A"),
-                figure(_at(drive, "winding", "peak"), errors.get("winding"), "degC"),
-                f"{_percent(drive['margin'], errors.get('margin'))} of {drive['decides'].replace('_', ' ')}",
                 "bears it" if drive["passes"] else "too small",
+                margin(drive["margin"], errors["margin"]),
+                drive["decides"].replace("_", " ") + at,
             ]
         )
-    head = ("joint", "drive", "RMS torque", "RMS current", "winding", "left", "verdict")
-    return [Table(head, rows)]
+    return [Table(("joint", "drive", "verdict", "left", "of limit"), rows)] if rows else []
 
 
-def _percent(part: float, error: float | None) -> str:
-    return figure(100.0 * part, None if error is None else 100.0 * error, "%")
+def margin(part: float, error: float | None) -> Figure:
+    """Return the part of a limit that is left; where more than twice the limit is asked for, how much."""
+    percent = None if error is None else 100.0 * error
+    return Figure(100.0 * part, percent, "%") if part >= -1.0 else Figure(1.0 - part, error, "x limit")
+
+
+def drive_figures(summary: Summary) -> list[Table]:
+    """Return what motors bear, each with its error."""
+    drives = summary.get("drives") or {}
+    rows: list[list[str | Figure]] = [
+        [name, *(Figure(_at(one, *key), _at(one, *error), unit) for _, key, error, unit in BORNE)]
+        for name, one in drives.items()
+    ]
+    return [Table(("joint", *(head for head, *_ in BORNE)), rows)] if rows else []
 
 
 def _units(result: Result, path: str) -> dict[str, str]:

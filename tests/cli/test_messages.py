@@ -164,3 +164,24 @@ def test_strict_names_every_warning(tmp_path: Path) -> None:
     done = invoke("inverse", tmp_path / "odd.yaml", "--no-plots", "--out", tmp_path / "out", "--strict")
     said = next(line for line in done.err.splitlines() if "robodyn: error" in line)
     assert done.code == 2 and "carriage" in said and "rod" in said and "--strict" in said
+
+
+@pytest.mark.parametrize(
+    "words", [("inverse", "2r_drives.yaml"), ("size", "2r_circle.yaml", "--types", "stepper")]
+)
+def test_what_drives_bear_has_errors(words: tuple[str, ...], tmp_path: Path) -> None:
+    """The figures of motors without an electrical model or thermal data are none."""
+    command, scene, *rest = words
+    told = ["--no-plots", "--out", tmp_path, "--set", "inverse.samples=101"]
+    short = invoke(command, CONFIGS / scene, *rest, *told)
+    whole = invoke(command, CONFIGS / scene, *rest, *told, "-v")
+    assert short.code == whole.code == 0
+    rows = [
+        re.split(r"\s{2,}", line.strip()) for line in whole.out.splitlines() if line.startswith("  theta")
+    ]
+    figures = [cell for row in rows for cell in row[1:] if re.match(r"-?\d+\.?\d*(e-?\d+)?( |$)", cell)]
+    without = [cell for cell in figures if "+-" not in cell and not cell.isdecimal()]
+    assert len(figures) > 20 and without == [], rows
+    head, one, _ = [line for line in short.out.splitlines() if "verdict" in line or "bears it" in line]
+    assert head.split() == ["joint", "drive", "verdict", "left", "[%]", "of", "limit"] and "+-" in one
+    assert "winding [degC]" in whole.out and "winding [degC]" not in short.out

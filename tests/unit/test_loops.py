@@ -343,7 +343,7 @@ def test_where_the_loop_is_taken() -> None:
     assert abs(crane["configuration"]["rope"]) < 1e-9 and crane["closed_loop"]["stability"] == "stable"
     with pytest.raises(SceneError, match="the scene has none"):
         linearise(load_scene(CONFIGS / "double_pendulum.yaml"), about="controller")
-    with pytest.raises(SceneError, match="--delay goes with --period"):
+    with pytest.raises(SceneError, match="--delay: goes with --period"):
         linearise(load_scene(CONFIGS / "double_pendulum.yaml"), delay=0.1)
     plain = linearise(load_scene(CONFIGS / "double_pendulum.yaml"), period=0.1, delay=0.05)
     assert plain["discrete/A"].shape == (6, 6) and "loop" not in plain.summary

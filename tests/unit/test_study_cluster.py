@@ -236,7 +236,7 @@ def test_what_is_no_cluster_is_refused(scene: Path, tmp_path: Path, dask: Cluste
     for more, part in (
         (["--scheduler", "tcp://127.0.0.1:1"], "no scheduler answers there"),
         (["--scheduler", "nonsense://x"], "no scheduler answers there"),
-        (["--scheduler", dask.address, "--jobs", 2], "--jobs does not go with --scheduler"),
+        (["--scheduler", dask.address, "--jobs", 2], "--jobs: does not go with --scheduler"),
     ):
         done = sweep(*words, *more)
         assert done.exit_code == 2 and part in done.output, done.output

@@ -11,7 +11,6 @@ from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
     cost_lines,
-    drive_lines,
     motorisation_lines,
     multiplier_lines,
     number,
@@ -50,7 +49,6 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [
         *payload_lines(summary),
-        *drive_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
         *multiplier_lines(summary),

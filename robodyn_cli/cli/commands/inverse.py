@@ -10,7 +10,6 @@ from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
     cost_lines,
-    drive_lines,
     motorisation_lines,
     multiplier_lines,
 )
@@ -19,7 +18,6 @@ from robodyn_cli.cli.words import (
 def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of an inverse run."""
     lines = [f"{summary['title']}", *figures]
-    lines += drive_lines(summary)
     lines += balance_lines(summary)
     lines += motorisation_lines(summary)
     lines += _fastest(summary)

@@ -12,7 +12,6 @@ from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
     cost_lines,
-    drive_lines,
     motorisation_lines,
     multiplier_lines,
     number,
@@ -34,7 +33,6 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
         *figures,
         *multiplier_lines(summary),
         *_of_controller(summary, verbose),
-        *drive_lines(summary),
         *_happenings(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),

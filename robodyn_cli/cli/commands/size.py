@@ -10,7 +10,7 @@ import typer
 from robodyn_cli.cli import offers
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, number
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_lines, drive_lines, margin_text, table
+from robodyn_cli.cli.words import cost_lines, margin_text, table
 from robodyn_cli.cli.words import number as digits
 from robodyn_cli.errors import of_option
 from robodyn_cli.motors.registry import motor_types
@@ -26,7 +26,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
         best = joint["best"]
         limit = best["decides"].replace("_", " ")
         counts = str(joint["combinations"]), str(joint["passing"])
-        rows.append([name, *counts, margin_text(best["margin"]), limit])
+        rows.append([name, *counts, margin_text(best["margin"], best["margin_error"]), limit])
     drives = summary["drives"]
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
     how = f"smallest {sized['by']} {'of all combinations' if sized['proven'] else 'joint by joint'}"
@@ -36,7 +36,6 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
             f"{summary['title']}",
             *figures,
             *([table(rows)] if verbose else []),
-            *drive_lines(summary),
             f"  all drives         {how if enough else 'not enough'}; {sized['sweeps']} sweeps over the joints",
             *_remarks(sized["joints"], drives),
             f"  in the scene       drives:{'' if enough else '  # not enough'}",
