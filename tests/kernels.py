@@ -13,8 +13,9 @@ import numpy as np
 
 from robodyn_cli.expr.graph import Expr, Graph, Scalar
 from robodyn_cli.kernels.compiler import Target, compile_module, machine
+from robodyn_cli.kernels.ir import module
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.kernels.samples import write_sample_kernel
+from robodyn_cli.kernels.samples import sample_function
 
 WIDTHS = (1, 2, 4, 8)
 TINY, HUGE = 5e-324, float(np.finfo(float).max)
@@ -39,7 +40,7 @@ def at_width(
     program: Program, width: int, x: np.ndarray, fused: bool = True, level: int = 1
 ) -> dict[str, np.ndarray]:
     """Compile a program of the inputs ``x`` for a lane width and evaluate it at the samples x (T, n)."""
-    text = write_sample_kernel(program, width, fused)
+    text = module([sample_function("kernel", program, width, fused)])
     key = f"test {width} {fused} {hashlib.sha256(text.encode()).hexdigest()}"
     count = len(program.inputs) + len(program.outputs) + 1
     target = None if fused else without_fma()

@@ -209,12 +209,10 @@ def _compile(llvm: Any, generator: Any, parsed: Any) -> bytes:
     """
     parsed.verify()
     builder = llvm.create_pass_builder(generator, llvm.create_pipeline_tuning_options())
-    passes = llvm.create_new_function_pass_manager()
+    passes = llvm.create_new_module_pass_manager()
     passes.add_sroa_pass()
     passes.add_reassociate_pass()
     passes.add_instruction_combine_pass()
     passes.add_simplify_cfg_pass()
-    for function in parsed.functions:
-        if not function.is_declaration:
-            passes.run(function, builder)
+    passes.run(parsed, builder)
     return bytes(generator.emit_object(parsed))

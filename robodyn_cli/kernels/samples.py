@@ -37,13 +37,13 @@ STATE, DATA = (
 )  # groups of symbols of an iteration: what its step changes, and what stays for a sample
 
 
-def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
-    """Return the IR of ``kernel(in..., p, out..., numbers, T)``: inputs and outputs are rows of T samples."""
+def sample_function(name: str, program: Program, lanes: int, fused: bool) -> Function:
+    """Return ``name(in..., p, out..., numbers, T)``: inputs and outputs are rows of T samples."""
     # by number: names of outputs are paths and names from the scene, which the IR would not take
     arguments = [f"ptr noalias %in.{k}" for k in range(len(program.inputs))]
     arguments += [f"ptr noalias %out.{k}" for k in range(len(program.outputs))]
     arguments += [f"ptr noalias readonly %{NUMBERS}", "i64 %T"]
-    f = Function("kernel", arguments, flags=RELAXED)
+    f = Function(name, arguments, flags=RELAXED)
     samples = f.int_argument("T")
     with f.blocks(samples, lanes) as t:
         inputs: dict[str, list[Value] | Rows] = {
@@ -67,7 +67,7 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
                 if not isinstance(entries[k], float):
                     f.store(f.splat(value, lanes), f.offset(f"%out.{place}", samples * k + t))
     f.ret()
-    return module([f])
+    return f
 
 
 def _store_constants(f: Function, place: int, entries: Sequence[int | float], t: Int, lanes: int) -> None:
@@ -75,8 +75,8 @@ def _store_constants(f: Function, place: int, entries: Sequence[int | float], t:
     constants = {k: e for k, e in enumerate(entries) if isinstance(e, float)}
     if not constants:
         return
-    columns = f.integers(f"columns.{place}", np.array(list(constants), dtype=np.int32))
-    values = f.table(f"constants.{place}", constants.values())
+    columns = f.integers(f"{f.title}.columns.{place}", np.array(list(constants), dtype=np.int32))
+    values = f.table(f"{f.title}.constants.{place}", constants.values())
     with f.count(len(constants)) as j:
         address = f.offset(f"%out.{place}", f.int_argument("T") * f.load_index(columns, j) + t)
         f.store(f.splat(f.load(f.offset(values, j)), lanes), address)
@@ -104,8 +104,10 @@ class SampleKernel:
         stepwise: bool = False,
         eager: bool = False,
     ) -> None:
-        self.program, self._stepwise, self._eager = make_program(dict(outputs), known), stepwise, eager
+        self.program, self._eager = make_program(dict(outputs), known), eager
+        self._short = self.program.operations <= LONG and not stepwise  # compiled at once
         self.lanes = machine().lanes
+        self._module: Sequence[Program] = [self.program]  # what is compiled together
         self._seen = 0  # samples so far
 
     @property
@@ -121,20 +123,25 @@ class SampleKernel:
     def _compiled(self) -> Callable[..., None]:
         """The machine code, made when it is first needed: ``program`` alone needs no compiler."""
         host = machine()
+        names = [f"kernel.{k}" for k in range(len(self._module))]
         compiled = compile_module(
-            self._key, lambda: write_sample_kernel(self.program, host.lanes, host.fused)
+            self._key,
+            lambda: module(
+                [sample_function(*each, host.lanes, host.fused) for each in zip(names, self._module)]
+            ),
         )
+        own = next(name for name, program in zip(names, self._module) if program is self.program)
         count = len(self.program.inputs) + len(self.program.outputs) + 1
-        return compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
+        return compiled.function(own, *[ctypes.c_void_p] * count, ctypes.c_int64)
 
     @property
     def _key(self) -> str:
-        return f"samples {machine().lanes} {self.program.digest}"
+        return f"samples {machine().lanes} {' '.join(program.digest for program in self._module)}"
 
     @cached_property
     def _interpreted(self) -> InterpretedSamples | None:
         """The program as data; None for a program that is compiled at once."""
-        if self.program.operations <= LONG and not self._stepwise:
+        if self._short:
             return None
         if self._eager and is_at_hand(self._key):
             return None
@@ -233,6 +240,16 @@ class SampleKernel:
                 array = np.ascontiguousarray(array if array.ndim == 1 else array[:1].ravel())
             inputs[group] = array
         return inputs
+
+
+def compile_together(*kernels: object) -> None:
+    """Make one module of the sample kernels among ``kernels`` that are compiled at once, when the first of them is.
+
+    A module takes some 5 ms to compile and 1 ms to load beside its operations, as much as those of a short kernel.
+    """
+    short = [k for k in kernels if isinstance(k, SampleKernel) and k._short]
+    for kernel in short:
+        kernel._module = [each.program for each in short]
 
 
 def _varies(groups: Mapping[str, Array]) -> bool:

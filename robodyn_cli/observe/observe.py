@@ -12,7 +12,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, unknown_data
 from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.formulations.system import System
-from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.kernels.samples import SampleKernel, compile_together
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import BASE, STATE_GROUPS, TORQUE, unknown_among
 from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
@@ -202,6 +202,7 @@ class Observer:
             rows = problem.constraints
             residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
             self.residuals = SampleKernel(residuals, STATE_GROUPS)
+        compile_together(self.kernel, self.normalise, self.correct_q, self.correct_v, self.residuals)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         with_reactions = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if with_reactions else None

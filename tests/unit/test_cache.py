@@ -56,6 +56,34 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, int, list[float]]:
     return compiled, cached, values
 
 
+COUNTED = """
+import sys
+from robodyn_cli.cli.app import run
+from robodyn_cli.kernels.cache import REPORT
+code = run(sys.argv[1:])
+assert code == 0, code
+print(REPORT.compiled)
+"""
+
+
+def test_a_deployment_compiles_few_modules(tmp_path: Path) -> None:
+    """The stepping loop, the multipliers of the scan, and all that is evaluated at the samples: three."""
+    words = (
+        "deploy",
+        "configs/four_bar_deploy.yaml",
+        "--no-plots",
+        "--quiet",
+        "--out",
+        str(tmp_path / "out"),
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", COUNTED, *words], cwd=ROOT, capture_output=True, text=True, timeout=240,
+        env={**os.environ, "ROBODYN_CACHE": str(tmp_path / "cache")},
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert int(ended.stdout) == 3
+
+
 def test_every_source_that_writes_code_is_in_the_key_of_the_cache() -> None:
     """Also those in subfolders: else code that an older version has compiled would run on."""
     package = ROOT / "robodyn_cli"

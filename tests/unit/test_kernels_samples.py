@@ -15,9 +15,10 @@ from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels import samples
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.kernels.samples import SampleKernel, compile_together
 
 RNG = np.random.default_rng(3)
 KNOWN = ("t", "q", "v", "p")
@@ -114,6 +115,30 @@ def test_not_a_number_stays_in_its_own_sample() -> None:
     x[[0, 13, 32]] = np.nan
     got = SampleKernel({"r": [f.sin(q[0]) + f.maximum(q[0], 0.0)]}, KNOWN)(q=x)["r"]
     assert np.array_equal(np.isnan(got), np.isnan(x))
+
+
+def test_short_kernels_of_one_module_give_what_each_gives_alone() -> None:
+    """They are compiled once for all, with tables of constants of their own; a long one is not among them."""
+
+    def kernels() -> list[SampleKernel]:
+        graph = Graph()
+        q0, q1, q2 = graph.symbols(["q0", "q1", "q2"], "q")
+        long = q0
+        for _ in range(samples.LONG):
+            long = f.sin(long) + q1
+        shared = {"c": [q0 * q1 + f.cos(q2), 7.0], "b": [1.25]}
+        return [SampleKernel(x, KNOWN) for x in (outputs(graph), shared, {"long": [long]})]
+
+    data = inputs(17)
+    alone = [kernel.evaluate(17, data) for kernel in kernels()]
+    together = kernels()
+    compile_together(None, *together)
+    before = REPORT.compiled + REPORT.cached
+    for kernel, other in zip(together[:2], alone):
+        for name, array in kernel.evaluate(17, data).items():
+            np.testing.assert_array_equal(array, other[name])
+    assert REPORT.compiled + REPORT.cached == before + 1
+    assert together[2]._module == [together[2].program]
 
 
 def test_what_the_scene_does_not_say_is_an_error_that_names_it() -> None:

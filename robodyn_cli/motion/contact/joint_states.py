@@ -16,7 +16,7 @@ import numpy as np
 from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, listed
-from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.kernels.samples import SampleKernel, compile_together
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.checks import check_freedom, refuse_loads
 from robodyn_cli.motion.contact.events import HELD, ContactFunction, contact_functions
@@ -70,6 +70,7 @@ class JointStates(Watcher):
         self._rates = SampleKernel(rates, STATE_GROUPS)
         matrices = {"M": list(self.problem.mass_matrix.ravel()), "psi": list(self.problem.psi.ravel())}
         self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, STATE_GROUPS)
+        compile_together(self._rates, self._matrices)
         self._clear()
 
     @property

@@ -26,7 +26,7 @@ from robodyn_cli.equations.torque_terms import applied_powers, total
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import EventFunction, EventKind
 from robodyn_cli.integrators.methods.collocation_tables import gauss_table
-from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.kernels.samples import SampleKernel, compile_together
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -127,6 +127,7 @@ class LeapEquations:
         self.geometry = SampleKernel(geometry, STATE_GROUPS)
         self.rates = SampleKernel({k: x for k, x in rates.items() if x}, STATE_GROUPS)
         self.shift = SampleKernel({"q": _moved(problem)}, STATE_GROUPS)
+        compile_together(self.geometry, self.rates, self.shift)
         self.p = np.zeros(max(1, len(problem.model.parameters)))
 
     def in_contact(self, parameters: Array) -> None:
