@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import threading
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Any, NoReturn
 
 from robodyn_cli.errors import INTERRUPTED
@@ -39,6 +39,8 @@ REPORTS = {
     "--markdown": f"# robodyn run\n\nThe batch was {MESSAGE} before its first scene.\n",
 }
 _seen = False
+# columns of the line of progress that stands on standard error, for who leaves at once
+line_shown = 0
 
 
 def leave_at_once() -> None:
@@ -58,6 +60,7 @@ def tidy_up_first() -> None:
     """Raise KeyboardInterrupt on an interrupt from now on: there are files or processes to tidy up."""
     if signal.getsignal(signal.SIGINT) is _leave:
         sys.unraisablehook = _unraisable
+        sys.excepthook = _uncaught
         signal.signal(signal.SIGINT, _raise)
 
 
@@ -97,13 +100,18 @@ def _report_of_batch() -> None:
             os.replace(temporary, given[-1])
 
 
+def over_line(columns: int) -> str:
+    """Return what removes a line of progress from a terminal."""
+    return "\r" + " " * columns + "\r" if columns else ""
+
+
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
     _report_of_batch()
     with contextlib.suppress(OSError):
         if "--json" in sys.argv:
             os.write(1, AS_JSON.encode())
     with contextlib.suppress(OSError):
-        os.write(2, f"robodyn: error: {MESSAGE}\n".encode())
+        os.write(2, f"{over_line(line_shown)}robodyn: error: {MESSAGE}\n".encode())
     os._exit(INTERRUPTED)
 
 
@@ -131,6 +139,13 @@ def _unraisable(lost: Any) -> None:
         _again()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Print the traceback of an error that nobody catches; of an interrupt none: code of Cython that can raise none
+    prints it so before it is unraisable."""
+    if kind is not KeyboardInterrupt:
+        sys.__excepthook__(kind, error, trace)
 
 
 def _again() -> None:

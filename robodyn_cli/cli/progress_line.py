@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 
+from robodyn_cli.cli import interrupts
 from robodyn_cli.foreign import printable
 
 OFTEN = 0.1  # s between two lines
@@ -59,14 +60,14 @@ class ProgressLine:
         with self._writing:
             text = printable(text)[: columns() - 1]
             self._put("\r" + text.ljust(self._width))
-            self._width = max(self._width, len(text))
+            self._width = interrupts.line_shown = max(self._width, len(text))
 
     def clear(self) -> None:
         """Remove the line."""
         with self._writing:
             if self._width:
-                self._put("\r" + " " * self._width + "\r")
-                self._width = 0
+                self._put(interrupts.over_line(self._width))
+                self._width = interrupts.line_shown = 0
 
     def _put(self, text: str) -> None:
         if sys.stderr is not None:

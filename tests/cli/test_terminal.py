@@ -102,13 +102,18 @@ def test_a_wide_table_goes_on_below() -> None:
 
 def on_terminal(width: int, *words: str | Path) -> str:
     """Return what a command of its own prints on a terminal of so many columns."""
+    return of_process(width, [*COMMAND, *map(str, words)])
+
+
+def of_process(width: int, program: list[str]) -> str:
+    """Return what a program prints on a terminal of so many columns."""
     pty, fcntl, termios = (pytest.importorskip(name) for name in ("pty", "fcntl", "termios"))
     process, screen = pty.fork()
     if process == 0:
         fcntl.ioctl(1, termios.TIOCSWINSZ, struct.pack("HHHH", 24, width, 0, 0))
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm"}
         environment = {key: value for key, value in environment.items() if key not in ("COLUMNS", "NO_COLOR")}
-        os.execvpe(sys.executable, [*COMMAND, *map(str, words)], environment)
+        os.execvpe(sys.executable, program, environment)
     found = b""
     while True:
         try:
@@ -120,6 +125,45 @@ def on_terminal(width: int, *words: str | Path) -> str:
         found += more
     os.waitpid(process, 0)
     return found.decode()
+
+
+INTERRUPTED = """
+import os, signal, sys
+from robodyn_cli.cli import interrupts
+from robodyn_cli.cli.console import Console, guarded
+signal.signal(signal.SIGINT, signal.default_int_handler)
+interrupts.leave_at_once()
+
+def command():
+    console = Console()
+    with console.waiting(lambda: "a study"):
+        console._line.wait("a study of some length", 12.0)
+        if sys.argv[1] == "begun":
+            interrupts.tidy_up_first()
+        if sys.argv[1] == "cython":
+            interrupts.tidy_up_first()
+            sys.excepthook(KeyboardInterrupt, KeyboardInterrupt(), None)  # as its functions that can raise nothing do
+        os.kill(os.getpid(), signal.SIGINT)
+
+interrupts.end(guarded(command)())
+"""
+
+
+@pytest.mark.parametrize("when", ["early", "begun", "cython"])
+@pytest.mark.parametrize("width", [80, 20])
+def test_an_interrupt_leaves_nothing_of_the_line_of_progress(when: str, width: int) -> None:
+    shown = of_process(width, [sys.executable, "-c", INTERRUPTED, when])
+    assert "a study" in shown
+    left = [rewritten(line) for line in CODES.sub("", shown).replace("\r\n", "\n").split("\n")]
+    assert " ".join("".join(left).split()) == "robodyn: error: interrupted", shown
+
+
+def rewritten(line: str) -> str:
+    """Return what a terminal shows of a line whose parts are written over one another."""
+    cells: list[str] = []
+    for part in line.split("\r"):
+        cells[: len(part)] = part
+    return "".join(cells)
 
 
 @pytest.mark.parametrize("width", [80, 60])
