@@ -62,8 +62,8 @@ class Stated:
 
     @property
     def words(self) -> str:
-        """What it is, with its phase."""
-        return f"{self.statement.words} {self.phase}" if self.phase else self.statement.words
+        """What it is, behind its phase."""
+        return f"{self.phase}: {self.statement.words}" if self.phase else self.statement.words
 
 
 # what is read off positions, velocities and loads of a mechanism

@@ -264,7 +264,7 @@ def test_errors_stand_beside_the_figures_they_belong_to() -> None:
     result.summary = summary
     for path, values in expected.items():
         assert re.findall(r" ([0-9][^ ]*)", errors_of(result, path) or "") == values
-    assert "largest error of qd after the lock 5·10⁻⁶ rad/s or m/s" in (errors_of(result, "qd") or "")
+    assert "after the lock: largest error of qd 5·10⁻⁶ rad/s or m/s" in (errors_of(result, "qd") or "")
     assert "largest error of q 1·10⁻⁹ rad;" in (errors_of(result, "q") or ""), "all joints turn"
     assert errors_of(result, "unknown") is None
     result.summary = {}

@@ -448,18 +448,6 @@ function countUpTo(ordered, x) {
   return low;
 }
 
-/* A number for people: short, with a true minus and a power of ten where it helps. */
-function text(x, digits = 4) {
-  if (!Number.isFinite(x)) return "–";
-  const size = Math.abs(x);
-  if (x !== 0 && (size < 1e-3 || size >= 1e6)) {
-    const [mantissa, exponent] = x.toExponential(digits - 1).split("e");
-    const raised = [...exponent.replace("+", "")].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
-    return `${Number(mantissa)}·10${raised}`.replace("-", "−");
-  }
-  return String(Number(x.toPrecision(digits))).replace("-", "−");
-}
-
 /* A time with as many digits as tell neighbouring poses apart. */
 function clock(time, all) {
   const span = all[all.length - 1] - all[0], step = span / Math.max(1, all.length - 1);

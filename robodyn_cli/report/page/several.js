@@ -64,9 +64,8 @@ class Several {
       cell.textContent = cell.dataset.text;
       if (!both || (cell.dataset.u || "") !== (other.dataset.u || "")) continue;
       const off = Number(cell.dataset.v) - Number(other.dataset.v), error = Number(cell.dataset.e) + Number(other.dataset.e);
-      const known = [cell, other].every((one) => one.dataset.known === "yes"), unit = cell.dataset.u ? ` ${cell.dataset.u}` : "";
-      const words = known && error > 0 ? stated(off, up(error + 0.05 * 10 ** Math.floor(Math.log10(error || 1))), cell.dataset.u || "").trim() : `${text(off, 6)}${unit}`;
-      cell.textContent = off > 0 && !/^\(?0(\.0*)? /.test(words) ? words.replace(/^\(?/, "$&+") : words;
+      const known = [cell, other].every((one) => one.dataset.known === "yes"), words = stated(off, known ? error : NaN, cell.dataset.u || "");
+      cell.textContent = off > 0 && !words.startsWith("0 ") ? `+${words}` : words;
       if (known) cell.classList.add(Math.abs(off) > error ? "beyond" : "inside");
     }
   }
@@ -138,7 +137,7 @@ class Several {
   tell(signal, wanted, reference, found, drawn) {
     const parts = [], some = (lines) => `${lines.slice(0, 4).map((line) => this.data.labels[line.of]).join(", ")}${lines.length > 4 ? ` and ${lines.length - 4} more` : ""}`;
     const known = drawn.filter((line) => line.error !== null), open = drawn.filter((line) => line.error === null);
-    if (known.length) parts.push(`Largest error${reference ? " of a difference, both errors added" : ""}: ${text(up(Math.max(...known.map((line) => line.error))), 2)} ${signal.unit}.`);
+    if (known.length) parts.push(`Largest error${reference ? " of a difference, both errors added" : ""}: ${text(roundedUp(Math.max(...known.map((line) => line.error)), 2), 2)} ${signal.unit}.`);
     if (open.length && this.chosen !== null && !reference) parts.push(`${this.data.labels[this.chosen]} has no such signal: the lines are no differences.`);
     if (open.length) parts.push(`No error is stated for this of ${some(open)}.`);
     const missing = this.boxes.flatMap((box, k) => (box.checked && this.shown.has(k) && !signal.lines.some((line) => line.of === k) ? [{ of: k }] : []));
@@ -157,10 +156,4 @@ function extremes(values) {
   let low = Infinity, high = -Infinity;
   for (const value of values) { if (value < low) low = value; if (value > high) high = value; }
   return Number.isFinite(low) ? [low, high] : [0, 0];
-}
-/* An error rounded up to two digits. */
-function up(error, digits = 2) {
-  if (!(error > 0)) return error;
-  const step = 10 ** (Math.floor(Math.log10(error)) - digits + 1);
-  return Math.ceil(error / step * (1 - 1e-9)) * step;
 }
