@@ -14,10 +14,12 @@ from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.sampling import is_sparse, sparse_words
 from robodyn_cli.results.stated_errors import stated
 from robodyn_cli.summaries.control import POLE_UNIT
-from robodyn_cli.summaries.facts import Fact, rounded_up
+from robodyn_cli.summaries.deploy import NORM
+from robodyn_cli.summaries.facts import Fact, for_coordinate, rounded_up
 from robodyn_cli.summaries.keys import Leaf, leaf_of, leaves_of
 from robodyn_cli.summaries.study import QUANTILES
 
+KEPT = ("constraint_residual.position", "constraint_residual.velocity")  # of rows that have multipliers
 WHEN = "at"  # head of a column of times, which are those of the column before
 MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
@@ -175,11 +177,34 @@ def shown_units(result: Result) -> Callable[[str], str]:
     def unit_of(key: str) -> str:
         leaf = leaf_of(result.command, key) if result.command in COMMANDS else None
         unit = leaf.unit(coordinates) if leaf is not None and leaf.is_number else ""
+        if leaf is not None and (" or " in unit or unit == NORM):
+            unit = ", ".join(_the_one(one, leaf, result) for one in unit.split(", "))
         if unit == POLE_UNIT:
             unit = "per sample" if "period" in result.summary[key.partition(".")[0]] else "1/s"
         return "" if unit == "1" else unit
 
     return unit_of
+
+
+def _the_one(unit: str, leaf: Leaf, result: Result) -> str:
+    """Return which of several units a number of a result has; all of them where nothing tells.
+
+    Those of joints, where that of angles stands first, follow from the joints; those of closures from their
+    multipliers, by the row that the key names or by all that are kept.
+    """
+    if leaf.key.startswith("overload."):
+        quantity = _at(result.summary, "overload", "quantity")
+        return for_coordinate(unit, {"force": "m", "moment": "rad"}.get(str(quantity), ""))
+    loads, row = _units(result, "constraints/multipliers"), ".".join(leaf.names)
+    if row in loads or unit == NORM or leaf.key in KEPT:
+        rows = _at(result.summary, "lock", "multipliers", "rows") if unit == NORM else None
+        kinds = {loads.get(name, "") for name in ([row] if row in loads else rows or loads)}
+        kind = {"N": "m", "N m": "rad"}.get(kinds.pop(), "") if len(kinds) == 1 else ""
+        return for_coordinate(unit.replace(" and ", " or "), kind) if kind else unit
+    if unit.partition(" or ")[0].startswith(("rad", "N m")):
+        joints = {one.removesuffix("/s") for one in _units(result, "qd").values()}
+        return for_coordinate(unit, joints.pop()) if len(joints) == 1 else unit
+    return unit
 
 
 def shown_errors(result: Result) -> Callable[[str], Sequence[str]]:
@@ -218,7 +243,7 @@ def drive_verdicts(summary: Summary) -> list[Table]:
             [
                 name,
                 parts if drive["count"] == 1 else f"{drive['count']} x {parts}",
-                "bears it" if drive["passes"] else "too small",
+                "suffices" if drive["passes"] else "too small",
                 margin(drive["margin"], errors["margin"]),
                 drive["decides"].replace("_", " ") + at,
             ]

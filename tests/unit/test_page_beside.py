@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from robodyn_cli.report.figures import shown_units
 from robodyn_cli.report.page.compared import compared, without_loners
 from robodyn_cli.report.page.page import Shown, make_page
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.kinematics import kinematics
+from tests.unit.synthetic_results import four_bar_result
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -48,3 +50,26 @@ def test_parts_of_another_robot_are_not_compared() -> None:
     assert without_loners(same, results[:2]) == same
     page = make_page([Shown(f"r{k}", result) for k, result in enumerate(results)])
     assert f"{len(names - shown)} figures that one result alone can have stand with it" in page
+
+
+def test_a_number_has_one_unit_where_joints_and_rows_tell_it() -> None:
+    """Multipliers of pins in a plane are forces, and joints that turn have no metres; of mixed ones both are told."""
+    result = four_bar_result(60)
+    result.add("qd", 0.0 * result["q"], units="rad/s", names=("theta1", "phi1", "phi2"))
+    unit_of = shown_units(result)
+    assert unit_of("tolerances.atol") == "rad, rad/s" and unit_of("locks.latch.speed") == "rad/s"
+    assert unit_of("error_estimate.q_max") == "rad" and unit_of("lock.multipliers.at_lock") == "N"
+    assert (
+        unit_of("constraint_residual.position") == "m"
+        and unit_of("constraint_residual.redundant") == "m or rad"
+    )
+    result.summary["overload"] = {"quantity": "moment", "limit": 3.0}
+    assert unit_of("overload.limit") == "N m"
+    loads, rates = result.variables["constraints/multipliers"], result.variables["qd"]
+    loads.column_units, rates.column_units = ("N", "N m"), ("rad/s", "rad/s", "m/s")
+    unit_of = shown_units(result)
+    assert (
+        unit_of("lock.multipliers.at_lock") == "N and N m" and unit_of("error_estimate.q_max") == "rad or m"
+    )
+    row = loads.names[1]
+    assert unit_of(f"lock.latch.impulse.{row}") == "N m s"

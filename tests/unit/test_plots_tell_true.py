@@ -17,6 +17,7 @@ from robodyn_cli.report.registry import Drawings, doubts
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.sampling import is_sparse, too_far_apart
 from robodyn_cli.scene.load import load_scene
+from robodyn_cli.works.reach import reach
 from tests.unit.synthetic_results import pendulum_result
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -181,3 +182,17 @@ def test_coordinates_of_several_results_are_not_called_a_path() -> None:
         for text in draw_over({"a": pendulum_result(51), "b": pendulum_result(51)}, "tip_path").texts
     ]
     assert any(text.startswith("Coordinates of the named points of 2 results") for text in said)
+
+
+def test_branches_that_look_the_same_share_a_picture() -> None:
+    """A wrist that flips moves no link: the eight branches of a Puma are four pictures, each with both names."""
+    result = reach(load_scene(CONFIGS / "mechanisms/puma_reach.yaml"))
+    assert len(result["branches/q"]) == 8
+    figure = draw(result, "branches")
+    titles = [ax.get_title(loc="left") for ax in figure.axes]
+    assert len(titles) == 4 and all(len(set(title.split("\n"))) == 2 for title in titles)
+    names = {line.removesuffix(", chosen") for title in titles for line in title.split("\n")}
+    assert names == {f"{side}, elbow {way}, {flip}" for side in ("righty", "lefty") for way in ("up", "down")
+                     for flip in ("flip", "no flip")}  # fmt: skip
+    (note,) = [text.get_text() for text in figure.texts if "share a picture" in text.get_text()]
+    assert note.startswith("8 branches")

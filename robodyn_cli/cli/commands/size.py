@@ -21,7 +21,7 @@ BY = ("cost", "mass")
 def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return what was found: how much there was to choose from, the drives, and how to write them into the scene."""
     sized = summary["size"]
-    rows = [["joint", "combinations", "bear it", "best margin", "of limit"]]
+    rows = [["joint", "combinations", "suffice", "best margin", "of limit"]]
     for name, joint in sized["joints"].items():
         best = joint["best"]
         limit = best["decides"].replace("_", " ")

@@ -153,8 +153,8 @@ def _panel(ax: Any, motor: DrawnMotor, labels: list[str]) -> list[Any]:
     ax.set_ylim(0.0, top or 1.0)
     for axis in (ax.xaxis, ax.yaxis):  # a power of ten above the axis would be in the way of the title
         axis.set_major_formatter(lambda x, _: number(x, 5))
-    ax.set_xlabel("speed of the motor [rad/s]")
-    ax.set_ylabel("torque [N·m]")
+    ax.set_xlabel("speed at the motor [rad/s]")
+    ax.set_ylabel("torque at the motor [N·m]")
     ax.set_title(_title(motor.name, motor.facts), fontsize=style.FONT_SIZE, loc="left", pad=4)
     told = _told(motor)
     if told:
@@ -181,7 +181,7 @@ def _title(name: str, facts: Mapping[str, Any]) -> str:
     if not facts:
         return name
     limit, margin = facts["decides"].replace("_", " "), facts["margin"]
-    verdict = "bears it" if facts["passes"] else "too small"
+    verdict = "suffices" if facts["passes"] else "too small"
     left = (
         f"needs {number(1.0 - margin)} times limit '{limit}'"
         if margin < 0.0
@@ -197,7 +197,7 @@ COMBINATION = {"linestyle": "none", "marker": "."}
 FRONT = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 9}
 # what there is to draw, in the order of the legend
 FRONT_LOOKS: dict[str, Mapping[str, Any]] = {
-    "bears it": {**COMBINATION, "color": "#000000", "markersize": 4},
+    "suffices": {**COMBINATION, "color": "#000000", "markersize": 4},
     "too small": {**COMBINATION, "color": "#b5b5b5", "markersize": 3},
     "none is better in both": {
         "drawstyle": "steps-post", "color": style.COLOURS[0], "linewidth": 1.4, "marker": "D", "markersize": 3,
@@ -241,7 +241,7 @@ def _points(result: Result, name: str, data: Array, by: str) -> dict[str, tuple[
     margins, prices = rows[:, 4], rows[:, {"cost": 2, "mass": 3}[by]]
     front = np.array([(one["margin"], one[by]) for one in sized["front"]]).reshape(-1, 2)
     groups = {
-        "bears it": (margins[passing], prices[passing]),
+        "suffices": (margins[passing], prices[passing]),
         "too small": (margins[~passing], prices[~passing]),
         "none is better in both": (front[:, 0], front[:, 1]),
         "chosen": (np.array([drive["margin"]]), np.array([drive[by]])),
@@ -261,7 +261,7 @@ def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:
     )
     ax.set_xlabel("margin [%]")
     ax.set_ylabel("cost" if by == "cost" else "mass [kg]")
-    count = f"{sized['passing']} of {sized['combinations']} bear it"
+    count = f"{sized['passing']} of {sized['combinations']} suffice"
     ax.set_title(f"{name}: {drive['motor']}{' + ' + drive['gear'] if drive['gear'] else ''}\n{count}",
                  fontsize=style.FONT_SIZE, loc="left", pad=4)  # fmt: skip
 

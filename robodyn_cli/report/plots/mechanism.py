@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import numbers, style
-from robodyn_cli.report.canvas import Sheet, panel_width
+from robodyn_cli.report.canvas import SUBTITLE_LINE, Sheet, panel_width
 from robodyn_cli.report.curves import DOTS, alone
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
@@ -178,40 +178,61 @@ def _subtitle_of_paths(
 
 
 OTHERS = "#cccccc"
+MOST_BRANCHES = 4 * style.FEW
+ALIKE = 2.0  # apart [pt]: less is seen as the same place
 
 
 @plot(lambda result: "branches/q" in result and len(result["branches/q"]) > 0)
 def branches(result: Result) -> Any:
-    """All the ways in which a mechanism closes, or an arm reaches a pose, one over the other; a panel a branch,
-    with the others faintly behind it."""
-    q = result["branches/q"]
-    count, shown = len(q), min(len(q), style.FEW)
-    drawing = drawing_of(result, np.zeros(shown), q[:shown])
+    """All the ways in which a mechanism closes, or an arm reaches a pose, one over the other; a panel for those that
+    look the same, with the others faintly behind it."""
+    q = result["branches/q"][:MOST_BRANCHES]
+    drawing = drawing_of(result, np.zeros(len(q)), q)
     view = View(drawing, default_camera(drawing))
-    across = min(shown, 2)
-    height = paper.height_of(view, panel_width(across), 1.6)
+    alike = _alike(drawing, ALIKE * view.pt)[: style.FEW]
+    across = min(len(alike), 2)
+    names = ["\n".join(_branch_name(result, k) for k in group) for group in alike]
+    lines = max(name.count("\n") for name in names)
     sheet = Sheet(
         result,
-        _subtitle_of_branches(view, "frame" in result.summary, count, shown),
-        panels=shown,
+        _subtitle_of_branches(view, "frame" in result.summary, len(result["branches/q"]), alike),
+        panels=len(alike),
         across=across,
-        height=height,
-        gap=0.45,
+        height=paper.height_of(view, panel_width(across), 1.6, 3.8),
+        gap=0.45 + SUBTITLE_LINE * lines,
+        titled=True,
     )
-    others = [Stroke(line, OTHERS, 1.0) for k in range(shown) for line in silhouette(view, k)]
-    for k, ax in enumerate(sheet.axes):
+    others = [Stroke(line, OTHERS, 1.0) for group in alike for line in silhouette(view, group[0])]
+    for place, (ax, group, name) in enumerate(zip(sheet.axes, alike, names)):
         paper.set_up(ax, view)
-        paper.put(ax, view, k, others, grid=not view.numbered)
-        ax.set_title(_branch_name(result, k), fontsize=style.FONT_SIZE, loc="left", pad=3)
-        if k % sheet.across:
+        paper.put(ax, view, group[0], others, grid=not view.numbered)
+        ax.set_title(name, fontsize=style.FONT_SIZE, loc="left", pad=3)
+        if place % sheet.across:
             ax.set_ylabel("")
-        if k + sheet.across < shown:
+        if place + sheet.across < len(alike):
             ax.set_xlabel("")
     return sheet.figure
 
 
-def _subtitle_of_branches(view: View, posed: bool, count: int, shown: int) -> str:
+def _alike(drawing: Drawing, near: float) -> list[list[int]]:
+    """Return the poses of a drawing in groups whose links lie in the same places, up to a distance [m]: a wrist that
+    flips about a point moves none."""
+    seen = sorted({vertex for part in drawing.links for vertex in part.vertices})
+    groups: list[list[int]] = []
+    for k, places in enumerate(drawing.vertices[:, seen]):
+        same = (x for x in groups if np.abs(drawing.vertices[x[0], seen] - places).max(initial=0.0) < near)
+        group = next(same, None)
+        if group is None:
+            groups.append([k])
+        else:
+            group.append(k)
+    return groups
+
+
+def _subtitle_of_branches(view: View, posed: bool, count: int, alike: list[list[int]]) -> str:
+    shown = sum(map(len, alike))
     more = f", {shown} of them drawn" if shown < count else ""
+    more += "; those that look the same share a picture" if len(alike) < shown else ""
     plural = "es" if count != 1 else ""
     of = "that reach the pose" if posed else "of the closed loops"
     return f"{count} branch{plural} {of} {paper.where(view)}{more}"
