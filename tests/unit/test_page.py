@@ -382,6 +382,7 @@ DUTY = {
     "shaft": {"rms_torque": 1.0},
     "margin": 0.1,
     "decides": "peak",
+    "errors": {"margin": None},
 }
 
 
