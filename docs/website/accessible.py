@@ -31,9 +31,16 @@ READY = """
 document.querySelectorAll('details').forEach((one) => { one.open = true; });
 document.head.append(Object.assign(document.createElement('style'), {textContent: '* {transition: none !important}'}));
 """
-# rows and items look like those before them, and axe takes a minute for the colours of thousands
+# rows, items, formulas and words of code look like others of their kind, and axe takes a minute for the colours of
+# thousands
 THINNED = """
-document.querySelectorAll('tbody, ul, ol').forEach((one) => [...one.children].slice(10).forEach((row) => row.remove()));
+document.querySelectorAll('tbody, ul, ol').forEach((one) => [...one.children].slice(5).forEach((row) => row.remove()));
+[...document.querySelectorAll('math')].slice(20).forEach((one) => one.remove());
+const seen = new Set();
+document.querySelectorAll('pre span[class]').forEach((one) => {
+  const kind = `${one.className} in ${one.closest('.highlight')?.parentElement.className}`;
+  if (seen.has(kind)) one.remove(); else seen.add(kind);
+});
 """
 STATES = (
     ("wide", "light", SCREEN, READY, OTHERS),
@@ -69,13 +76,21 @@ async def barriers(folder: Path, tabs: int) -> int:
     if path is None:
         sys.exit(f"no browser: one of {', '.join(BROWSERS)}")
     # large ones first, so that no tab is left alone with one at the end
-    pages = iter(sorted(folder.rglob("*.html"), key=lambda page: -page.stat().st_size))
+    pages = counted(sorted(folder.rglob("*.html"), key=lambda page: -page.stat().st_size))
     async with async_playwright() as driver:
         # root, as in containers, has no sandbox
         browser = await driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         found = await asyncio.gather(*(in_tab(browser, pages, folder) for _ in range(tabs)))
         await browser.close()
     return sum(found)
+
+
+def counted(pages: list[Path]) -> Iterator[Path]:
+    """Yield pages, and tell now and then how many are left: all of them take minutes."""
+    for k, page in enumerate(pages):
+        if k and k % 50 == 0:
+            print(f"{k} of {len(pages)} pages", flush=True)
+        yield page
 
 
 async def in_tab(browser: Browser, pages: Iterator[Path], folder: Path) -> int:

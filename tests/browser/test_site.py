@@ -40,11 +40,15 @@ def test_axe_looks_at_every_page_on_screens_of_all_kinds(tmp_path: Path, chromiu
     write(
         tmp_path, "long", f"<ul>{'<li>words</li>' * 40}<li><img src='x'></ul><p>words</p>", "p {color: #ddd}"
     )
+    code = "<span class='a'>words</span> <span class='a'>words</span> <span class='b'>words</span>"
+    write(tmp_path, "code", f"<pre>{code}</pre>", ".b {color: #ddd}")
     found = judged(tmp_path)
     assert found.returncode == 1
     said = sorted(re.split(r"(?<=[a-z]):| \(1\)", line)[0] for line in found.stdout.splitlines())
     assert said == [
-        "10 faults of pages",
+        "12 faults of pages",
+        "code.html (dark): color-contrast",
+        "code.html (light): color-contrast",
         "folded.html (narrow): image-alt",
         "folded.html (wide): image-alt",
         "headless.html (narrow): empty-table-header",
