@@ -5,7 +5,7 @@ Driven joints of a mechanism with loops: their accelerations by their torques, a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from robodyn_cli.algorithms.kinematics import (
 )
 from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero, nonzero_entries
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
@@ -108,7 +108,7 @@ class LoopRows:
 def vanishes(row: Row) -> bool:
     """Tell whether a row is identically zero and may be dropped, such as the rows of a planar loop out of its
     plane."""
-    if any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t, *row.psi)):
+    if row.entries or any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t)):
         return False
     # where the links are half a turn off and no joint can turn them, assembly is to refuse that
     return isinstance(row.cosine, Expr) or row.cosine >= 0.5
@@ -136,7 +136,7 @@ def solve_with_multipliers(
     """
     m = psi.shape[0]
     b = factor.forward(f)
-    Y = [_entries(factor.forward(psi[i])) for i in range(m)]
+    Y = [factor.forward_entries(nonzero_entries(row)) for row in psi]
     scaled = [{k: y * factor.inverse[k] for k, y in row.items()} for row in Y]
     A = zeros(m, m)
     rhs = zeros(m)
@@ -163,11 +163,6 @@ def solve_with_multipliers(
     return Multipliers(factor.backward([x * d for x, d in zip(loaded, factor.inverse)]), lam)
 
 
-def _entries(row: Values) -> dict[int, Any]:
-    """Return the nonzero entries of a row by column."""
-    return {k: x for k, x in enumerate(row) if is_nonzero(x)}
-
-
 def _product(x: dict[int, Any], y: dict[int, Any]) -> Any:
     """Return the scalar product of two rows."""
     total: Any = 0.0
@@ -186,30 +181,38 @@ def _overlapping(rows: Sequence[dict[int, Any]]) -> list[tuple[int, int]]:
     return sorted({(i, j) for users in of_column.values() for i in users for j in users if j <= i})
 
 
-def correction(psi: Matrix, residual: Values) -> Vector:
-    """Return the smallest x with Psi x = residual: Psi^T (Psi Psi^T + mu E)^-1 residual.
+def correction(psi: Matrix) -> Callable[[Values], Vector]:
+    """Return the function of a residual that gives the smallest x with Psi x = residual.
 
-    mu is 1e-12 of the mean diagonal, far below any regular pose, and bounds the correction where Psi loses rank.
+    It is x = Psi^T (Psi Psi^T + mu E)^-1 residual. mu is 1e-12 of the mean diagonal, far below any regular pose, and
+    bounds the correction where Psi loses rank.
     """
     m, nv = psi.shape
-    rows = [_entries(row) for row in psi]
-    A = gram(psi)
+    rows = [nonzero_entries(row) for row in psi]
+    A = _gram(rows)
     trace: Any = 0.0
     for i in range(m):
         trace = trace + A[i, i]
     for i in range(m):
         A[i, i] = A[i, i] + trace * (1e-12 / m)
-    lam = LdlFactor.of(A, minimum_degree(A)).solve(residual)
-    out = zeros(nv)
-    for row, x in zip(rows, lam):
-        for k, value in row.items():
-            out[k] = out[k] + value * x
-    return out
+    factor = LdlFactor.of(A, minimum_degree(A))
+
+    def smallest(residual: Values) -> Vector:
+        out = zeros(nv)
+        for row, x in zip(rows, factor.solve(residual)):
+            for k, value in row.items():
+                out[k] = out[k] + value * x
+        return out
+
+    return smallest
 
 
 def gram(psi: Matrix) -> Matrix:
     """Return Psi Psi^T (m, m); rows without a common column cost nothing."""
-    rows = [_entries(row) for row in psi]
+    return _gram([nonzero_entries(row) for row in psi])
+
+
+def _gram(rows: Sequence[dict[int, Any]]) -> Matrix:
     A = zeros(len(rows), len(rows))
     for i, j in _overlapping(rows):
         A[i, j] = A[j, i] = _product(rows[i], rows[j])

@@ -5,19 +5,15 @@ Complex numbers whose parts are numbers or expressions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from heapq import heapify, heappop, heappush
 from typing import Any
 
-from robodyn_cli.expr.graph import is_nonzero
+from robodyn_cli.expr.graph import is_nonzero, nonzero_entries
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
 SMALLEST_ORDERED = 8  # with at least so many rows, an order of elimination pays
-
-
-def pattern(A: Matrix) -> list[list[int]]:
-    """Return the columns of a matrix's nonzero entries, row by row."""
-    return [[k for k, x in enumerate(row) if is_nonzero(x)] for row in A]
 
 
 def minimum_degree(A: Matrix) -> tuple[int, ...]:
@@ -29,15 +25,18 @@ def minimum_degree(A: Matrix) -> tuple[int, ...]:
     n = A.shape[0]
     if n < SMALLEST_ORDERED:
         return tuple(range(n))
-    near = [{k for k in row if k != i} for i, row in enumerate(pattern(A))]
-    left = set(range(n))
-    order = []
-    while left:
-        i = min(left, key=lambda j: (len(near[j]), j))
-        left.remove(i)
-        order.append(i)
+    near = [{k for k in nonzero_entries(row) if k != i} for i, row in enumerate(A)]
+    waiting = [(len(neighbours), i) for i, neighbours in enumerate(near)]
+    heapify(waiting)
+    order: dict[int, None] = {}
+    while waiting:
+        degree, i = heappop(waiting)
+        if i in order or degree != len(near[i]):  # it has come in again since, with other neighbours
+            continue
+        order[i] = None
         for j in near[i]:
             near[j] = (near[j] | near[i]) - {i, j}
+            heappush(waiting, (len(near[j]), j))
     return tuple(order)
 
 
@@ -64,13 +63,14 @@ class LdlFactor:
         LD: list[dict[int, Any]] = [{} for _ in range(n)]  # L times D, known before the division
         columns: list[dict[int, Any]] = [{} for _ in range(n)]
         inverse: list[Any] = []
+        place = {row: i for i, row in enumerate(order)}
         for j in range(n):
             pivot = A[order[j], order[j]]
             for k, x in L[j].items():
                 pivot = pivot - x * LD[j][k]
             inverse.append(1.0 / pivot)
             below = {i for k in L[j] for i in columns[k] if i > j}
-            below.update(i for i in range(j + 1, n) if is_nonzero(A[order[i], order[j]]))
+            below.update(place[k] for k in nonzero_entries(A[:, order[j]]) if place[k] > j)
             for i in sorted(below):
                 entry = A[order[i], order[j]]
                 for k, x in L[i].items():
@@ -102,6 +102,26 @@ class LdlFactor:
             for k, factor in self.rows[i].items():
                 entry = entry - factor * x[k]
             x[i] = entry
+        return x
+
+    def forward_entries(self, b: Mapping[int, Any]) -> dict[int, Any]:
+        """Return the nonzero entries of L^-1 P b from those of b: rows that these do not reach are not looked at."""
+        x: dict[int, Any] = {}
+        place = {row: i for i, row in enumerate(self.order)}
+        reached = {place[k] for k in b}
+        waiting = list(reached)
+        heapify(waiting)
+        while waiting:
+            i = heappop(waiting)
+            entry = b.get(self.order[i], 0.0)
+            for k, factor in self.rows[i].items():
+                if k in x:
+                    entry = entry - factor * x[k]
+            if is_nonzero(entry):
+                x[i] = entry
+                for j in self.columns[i].keys() - reached:
+                    reached.add(j)
+                    heappush(waiting, j)
         return x
 
     def backward(self, y: Values) -> Vector:

@@ -80,8 +80,8 @@ class Constraints:
         out = []
         for row in self.rows:
             total: Scalar = row.eta_t
-            for x, rate in zip(row.psi, v):
-                total = total + x * rate
+            for k, x in row.entries.items():
+                total = total + x * v[k]
             out.append(total)
         return out
 
@@ -164,10 +164,9 @@ def with_inertia(M: Matrix, braces: Braces, constraints: Constraints) -> Matrix:
     """
     M = M.copy()
     for b, row in _braced(braces, constraints):
-        moving = [k for k, x in enumerate(row.psi) if is_nonzero(x)]
-        for i in moving:
-            for j in moving:
-                M[i, j] = M[i, j] + b * (row.psi[i] * row.psi[j])
+        for i, x in row.entries.items():
+            for j, y in row.entries.items():
+                M[i, j] = M[i, j] + b * (x * y)
     return M
 
 
@@ -175,9 +174,8 @@ def with_force(h: Vector, braces: Braces, constraints: Constraints) -> Vector:
     """Return h + Psi^T b gamma (nv,)."""
     h = h.copy()
     for b, row in _braced(braces, constraints):
-        for k, x in enumerate(row.psi):
-            if is_nonzero(x):
-                h[k] = h[k] + b * (x * row.gamma)
+        for k, x in row.entries.items():
+            h[k] = h[k] + b * (x * row.gamma)
     return h
 
 

@@ -91,6 +91,12 @@ def is_nonzero(x: Any) -> bool:
     return isinstance(x, (Expr, Fixed)) or x != 0.0
 
 
+def nonzero_entries(row: Iterable[Any]) -> dict[int, Any]:
+    """Return the structurally nonzero entries of a row by their places."""
+    # rows of large mechanisms are plain zeros nearly everywhere: these are told without a call
+    return {k: x for k, x in enumerate(row) if (x != 0.0 if type(x) is float else is_nonzero(x))}
+
+
 class Graph:
     """Owner of nodes; equal nodes are the same object, and ``index`` is a topological order."""
 

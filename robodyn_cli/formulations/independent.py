@@ -103,9 +103,10 @@ def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None
             key="simulate.stabilisation",
         )
     nv, choice = problem.model.nv, CoordinatePartition(problem)
-    q_step = problem.moved(correction(choice.masked, problem.independent_rows.eta))
+    corrected = correction(choice.masked)
+    q_step = problem.moved(corrected(problem.independent_rows.eta))
     rate = problem.independent_rows.velocity_residual(problem.v)
-    v_step: list[Scalar] = [x - d for x, d in zip(problem.v, correction(choice.masked, rate))]
+    v_step: list[Scalar] = [x - d for x, d in zip(problem.v, corrected(rate))]
     q: list[Any] = list(problem.q)
     for _ in range(NEWTON_STEPS):
         q = _at(problem, q_step, q, problem.v)

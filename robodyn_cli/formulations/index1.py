@@ -96,9 +96,9 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
     Both are of least norm in the velocity coordinates, on which Psi acts.
     """
     constraints = problem.independent_rows
-    psi = constraints.psi(problem.model.nv)
-    dq = correction(psi, constraints.eta)
-    dv = correction(psi, constraints.velocity_residual(problem.v))
+    corrected = correction(constraints.psi(problem.model.nv))
+    dq = corrected(constraints.eta)
+    dv = corrected(constraints.velocity_residual(problem.v))
     q = problem.moved(dq)
     v: list[Scalar] = [x - d for x, d in zip(problem.v, dv)]
     return q, v

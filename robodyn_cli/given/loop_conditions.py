@@ -112,12 +112,7 @@ def leads_apart(problem: Problem) -> bool:
     moving = moving_reference(model, trajectory)
     ends = [model.place(trajectory.point).body, *([] if moving is None else [moving.body])]
     chain = {model.bodies[k].joint_name for end in ends for k in model.path_to(end)}
-    tied = {
-        model.joint_of(k)
-        for row in problem.constraints.loop_rows
-        for k, x in enumerate(row.psi)
-        if is_nonzero(x)
-    }
+    tied = {model.joint_of(k) for row in problem.constraints.loop_rows for k in row.entries}
     drives = any(is_nonzero(row.eta_t) for row in problem.constraints.loop_rows)
     return not drives and not tied & {*chain, *led_joints(problem.scene.prescribed)}
 

@@ -7,8 +7,10 @@ branch then does not depend on the joints below it.
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Any
 
+from robodyn_cli.expr.graph import nonzero_entries
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, zeros
 
@@ -93,6 +95,11 @@ class Row:
     eta_t: Any = 0.0
     kind: str = "force"
     attitude: Attitude | None = None
+
+    @cached_property
+    def entries(self) -> dict[int, Any]:
+        """The nonzero entries of Psi by column."""
+        return nonzero_entries(self.psi)
 
     @property
     def cosine(self) -> Any:

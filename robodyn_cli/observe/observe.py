@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, unknown_data
-from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
+from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel, compile_together
 from robodyn_cli.loops.base import Row
@@ -96,9 +96,8 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
     if problem.dependent:  # ``LeastNorm`` knows the multipliers
         return tau
     for i in problem.constraints.prescribed:
-        for k, x in enumerate(problem.constraints.rows[i].psi):
-            if is_nonzero(x):
-                tau[k] = tau[k] + x * problem.forward.lam[i]
+        for k, x in problem.constraints.rows[i].entries.items():
+            tau[k] = tau[k] + x * problem.forward.lam[i]
     return tau
 
 

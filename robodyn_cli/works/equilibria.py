@@ -72,7 +72,7 @@ class RestForces:
         rows = problem.constraints.rows
         held: list[Scalar] = list(load)
         for row, multiplier in zip(rows, lam):  # led rows have a constant Psi
-            for k, x in enumerate(row.psi):
+            for k, x in row.entries.items():
                 held[k] = held[k] - x * multiplier
         entries: list[Scalar] = []
         for j in range(model.nv):

@@ -118,3 +118,46 @@ def test_an_order_that_keeps_the_factor_sparse(seed: int) -> None:
     b = np.random.default_rng(seed).normal(size=n)
     assert_close(sparse.solve(b.tolist()), np.linalg.solve(A, b), 1e-13)
     assert_close(sparse.inverse_trace(), np.trace(np.linalg.inv(A)), 1e-13, 30.0)
+
+
+def fewest_neighbours_first(A: np.ndarray) -> tuple[int, ...]:
+    """The order by definition: each row is looked at in each step."""
+    near = [set(map(int, np.flatnonzero(row))) - {i} for i, row in enumerate(A)]
+    left, order = set(range(len(A))), []
+    while left:
+        i = min(left, key=lambda j: (len(near[j]), j))
+        left.remove(i)
+        order.append(i)
+        for j in near[i]:
+            near[j] = (near[j] | near[i]) - {i, j}
+    return tuple(order)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_is_that_of_fewest_neighbours(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    A = np.triu(rng.uniform(size=(40, 40)) * (rng.uniform(size=(40, 40)) < 0.08), 1)
+    A += A.T + np.eye(40)
+    assert minimum_degree(matrix(A.tolist())) == fewest_neighbours_first(A)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_few_entries_are_solved_for_by_the_rows_that_they_reach(seed: int) -> None:
+    """Of many short chains an entry reaches its own, and what it gives is what the whole row gives."""
+    chain = 5 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
+    A, rng = np.kron(np.eye(25), chain), np.random.default_rng(seed)
+    p = rng.permutation(100)
+    factor = LdlFactor.of(matrix(A[np.ix_(p, p)].tolist()), [int(k) for k in rng.permutation(100)])
+    looked: list[int] = []
+
+    class Watched(tuple[dict[int, float], ...]):
+        def __getitem__(self, i: int) -> dict[int, float]:  # type: ignore[override]
+            looked.append(i)
+            return super().__getitem__(i)
+
+    b = np.zeros(100)
+    b[7] = 2.0
+    whole = factor.forward(b.tolist())
+    watched = LdlFactor(Watched(factor.rows), factor.columns, factor.inverse, factor.order)
+    assert watched.forward_entries({7: 2.0}) == {k: x for k, x in enumerate(whole) if x}
+    assert len(looked) == len(set(looked)) <= 4

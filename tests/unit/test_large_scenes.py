@@ -1,0 +1,63 @@
+"""What grows with the number of bodies and loops: work counted, not timed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robodyn_cli import load_scene_text
+from robodyn_cli.algorithms import constraints as of_constraints
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.formulations.index1 import projection
+
+
+def windows(n: int) -> Problem:
+    """A row of n four-bar windows."""
+    rod = "mass: 1, com: [0.5, 0, 0], com_frame: joint, inertia: {zz: 1/12}"
+    joints, links, loops = [], [], []
+    for k in range(n + 1):
+        joints.append(f"    - {{name: leg{k}, type: revolute, parent: base, origin: {{xyz: [{k}, 0, 0]}}, "
+                      "a: 1, alpha: 0, d: 0}")  # fmt: skip
+        links.append(f"    - {{name: L{k}, {rod}}}")
+        if k < n:
+            joints.append(f"    - {{name: bar{k}, type: revolute, parent: L{k}, a: 1, alpha: 0, d: 0}}")
+            links.append(f"    - {{name: C{k}, {rod}}}")
+            loops.append(f"  - {{name: w{k}, type: revolute, between: [C{k}.end, L{k + 1}.end]}}")
+    lines = [
+        "schema: 1",
+        "gravity: [0, -9.81, 0]",
+        "robot:",
+        "  convention: standard",
+        "  joints:",
+        *joints,
+        "  links:",
+        *links,
+    ]
+    return Problem(load_scene_text("\n".join([*lines, "loops:", *loops, ""])))
+
+
+def test_rates_of_rows_take_the_columns_that_rows_have() -> None:
+    class Rate:
+        products = 0
+
+        def __rmul__(self, other: Any) -> float:
+            Rate.products += 1
+            return 0.0
+
+    counts = []
+    for n in (4, 8):
+        problem, Rate.products = windows(n), 0
+        problem.constraints.velocity_residual([Rate()] * problem.model.nv)
+        counts.append(Rate.products)
+    assert counts[0] > 0 and counts[1] == 2 * counts[0]
+
+
+def test_both_corrections_share_their_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, made = windows(3), []
+    own = of_constraints.LdlFactor.of
+    monkeypatch.setattr(
+        of_constraints.LdlFactor, "of", staticmethod(lambda *args: made.append(1) or own(*args))
+    )
+    projection(problem)
+    assert len(made) == 1
