@@ -23,7 +23,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any, TypeGuard
-from weakref import WeakValueDictionary
+from weakref import ref
 
 # Of the larger term: a smaller sum is what rounding leaves of a zero. The inputs themselves are not known better.
 CANCELLED = 1e-15
@@ -144,8 +144,9 @@ for _name, _other in {*_MIRRORED, *((b, a) for a, b in _MIRRORED)}:
     setattr(Fixed, f"__{_name}__", _value_with_array(f"__{_name}__", f"__{_other}__"))
 Fixed.__bool__ = _is_true  # type: ignore[method-assign,assignment]
 
-# those that are in use, by what they are computed from
-_known: WeakValueDictionary[Any, Fixed] = WeakValueDictionary()
+# those that are in use, by what they are computed from, and some that are not any more
+_known: dict[Any, ref[Fixed]] = {}
+_most = [4096]  # so many of both, then the others go: there may be as many as are in use
 _making = threading.RLock()  # a finalizer that runs meanwhile may make a number too
 
 
@@ -237,12 +238,20 @@ def applied(op: str, function: Callable[..., float], *args: float) -> float:
 def _made(op: str, args: tuple[Any, ...], value: float) -> Fixed:
     key = (op, *[id(x) if isinstance(x, (Fixed, _Inputs)) else ("plain", x) for x in args])
     known = _known.get(key)
-    if known is not None:
-        return known
+    if known is not None and (found := known()) is not None:
+        return found
     made = Fixed(value)
     made.op, made.args, made.rank = op, args, _rank(op, args)
-    with _making:  # another thread may have made it since
-        return _known.setdefault(key, made)
+    with _making:
+        found = _known.setdefault(key, kept := ref(made))()  # another thread may have made it since
+        if found is None:
+            found, _known[key] = made, kept
+        if len(_known) > _most[0]:
+            for old, number in _known.copy().items():
+                if number() is None:
+                    del _known[old]
+            _most[0] = max(2 * len(_known), _most[0])
+    return found
 
 
 def _rank(op: str, args: Iterable[Any]) -> int:
@@ -272,42 +281,44 @@ _PLAIN: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def _binary(op: str, a: Any, b: Any) -> Any:
-    for x in (a, b):
-        if not isinstance(x, (float, int)):
-            return _with_array(op, a, b) if hasattr(x, "dtype") else NotImplemented
-    x, y = float(a), float(b)
+    if not (isinstance(a, Fixed) and isinstance(b, Fixed)):
+        plain = b if isinstance(a, Fixed) else a
+        if not isinstance(plain, (float, int)):
+            return _with_array(op, a, b) if hasattr(plain, "dtype") else NotImplemented
+        if plain == 0.0 or plain == 1.0 or plain == -1.0:
+            known = _neutral(op, a, b, plain)
+            if known is not None:
+                return known
     if op in ("add", "sub"):
-        if is_plain(a, 0.0):
-            return b if op == "add" else -b
-        if is_plain(b, 0.0):
-            return a
         if is_negated(b):
             return a - b.args[0] if op == "add" else a + b.args[0]
         if is_negated(a):
             return b - a.args[0] if op == "add" else -(a.args[0] + b)
         total = _sum(op, a, b)
-        return total if total or not (x or y) else 0.0  # a sum of zeros does not cancel
-    if op == "mul":
-        if is_plain(a, 0.0) or is_plain(b, 0.0):
-            return 0.0
-        for one, other in ((a, b), (b, a)):
-            if is_plain(one, 1.0):
-                return other
-            if is_plain(one, -1.0):
-                return -other
-    elif is_plain(b, 1.0):
-        return a
-    elif op == "div" and is_plain(a, 0.0) and y:
-        return 0.0
+        return total if total or not (float(a) or float(b)) else 0.0  # a sum of zeros does not cancel
     if op != "pow":
         for k, z in enumerate((a, b)):
-            if is_negated(z) or (not isinstance(z, Fixed) and z < 0.0):
-                positive = z.args[0] if is_negated(z) else -z
+            if z.op == "neg" if isinstance(z, Fixed) else z < 0.0:
+                positive = z.args[0] if isinstance(z, Fixed) else -z
                 return -(_binary(op, positive, b) if k == 0 else _binary(op, a, positive))
-    value = _PLAIN[op](x, y)
+    value = _PLAIN[op](float(a), float(b))
     return (
         _made(op, _sorted(op, a, b), value) if isinstance(value, float) and not math.isnan(value) else value
     )
+
+
+def _neutral(op: str, a: Any, b: Any, plain: float) -> Any:
+    """Return the result of arithmetic with a plain 0, 1 or -1 where that needs no new number, else None."""
+    other = a if plain is b else b
+    if op in ("add", "sub"):
+        if plain != 0.0:
+            return None
+        return -b if op == "sub" and plain is a else other
+    if op == "mul":
+        return 0.0 if plain == 0.0 else other if plain == 1.0 else -other
+    if plain is b:
+        return a if plain == 1.0 else None
+    return 0.0 if op == "div" and plain == 0.0 and float(b) else None
 
 
 def _sum(op: str, a: float, b: float) -> Fixed:

@@ -12,7 +12,7 @@ import operator
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
-from robodyn_cli.expr.fixed import Fixed, collected, is_negated, is_plain
+from robodyn_cli.expr.fixed import Fixed, collected, is_plain
 
 Scalar = Union[float, "Expr"]
 
@@ -32,22 +32,18 @@ class Expr:
         self.index = index
 
     def __add__(self, other: Scalar) -> Scalar:
-        return self.graph.add(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
-
-    def __radd__(self, other: Scalar) -> Scalar:
-        return self.graph.add(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+        return self.graph.add(self, other)
 
     def __sub__(self, other: Scalar) -> Scalar:
-        return self.graph.sub(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+        return self.graph.sub(self, other)
 
     def __rsub__(self, other: Scalar) -> Scalar:
-        return self.graph.sub(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+        return self.graph.sub(other, self) if isinstance(other, (float, int)) else NotImplemented
 
     def __mul__(self, other: Scalar) -> Scalar:
-        return self.graph.mul(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+        return self.graph.mul(self, other)
 
-    def __rmul__(self, other: Scalar) -> Scalar:
-        return self.graph.mul(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+    __radd__, __rmul__ = __add__, __mul__
 
     def __truediv__(self, other: Scalar) -> Scalar:
         return self.graph.div(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
@@ -169,8 +165,11 @@ class Graph:
             a, b = b, a
         # a is an expression now
         if not isinstance(b, Expr):
-            if is_plain(b, 0.0):
-                return a
+            if not isinstance(b, Fixed):
+                if not isinstance(b, (float, int)):
+                    return NotImplemented
+                if b == 0.0:
+                    return a
             if a.op == "neg":
                 return self.sub(b, a.args[0])
             if a.op == "sub" and a.args[0].op == "const":
@@ -189,6 +188,8 @@ class Graph:
     def sub(self, a: Scalar, b: Scalar) -> Scalar:
         """Return a - b."""
         if not isinstance(b, Expr):
+            if not isinstance(b, (float, int)):
+                return NotImplemented
             return self.add(a, -b) if isinstance(a, Expr) else a - b
         if a is b:
             return 0.0
@@ -232,14 +233,17 @@ class Graph:
                 return a * b
             a, b = b, a
         if not isinstance(b, Expr):
-            if is_plain(b, 0.0):
+            if isinstance(b, Fixed):
+                if b.op == "neg":
+                    return self.neg(self.mul(b.args[0], a))
+            elif not isinstance(b, (float, int)):
+                return NotImplemented
+            elif b == 0.0:
                 return 0.0
-            if is_plain(b, 1.0):
+            elif b == 1.0:
                 return a
-            if is_plain(b, -1.0):
+            elif b == -1.0:
                 return self.neg(a)
-            if is_negated(b):
-                return self.neg(self.mul(b.args[0], a))
             if a.op == "neg":
                 return self.mul(-b, a.args[0])
             if a.op == "mul":

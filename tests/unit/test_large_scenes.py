@@ -9,6 +9,7 @@ import pytest
 from robodyn_cli import load_scene_text
 from robodyn_cli.algorithms import constraints as of_constraints
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr import fixed
 from robodyn_cli.formulations.index1 import projection
 
 
@@ -61,3 +62,19 @@ def test_both_corrections_share_their_factor(monkeypatch: pytest.MonkeyPatch) ->
     )
     projection(problem)
     assert len(made) == 1
+
+
+def test_numbers_that_nobody_uses_are_forgotten() -> None:
+    kept = [fixed.literal(1.5, f"kept.{k}") for k in range(50)]
+    for k in range(3 * fixed._most[0]):
+        fixed.literal(2.5, f"dropped.{k}")
+    assert len(fixed._known) <= fixed._most[0]
+    assert all(fixed.literal(1.5, f"kept.{k}") is x for k, x in enumerate(kept))
+
+
+def test_what_is_computed_alike_is_one_number_while_it_is_in_use() -> None:
+    a, b = fixed.literal(1.5, "a"), fixed.literal(2.5, "b")
+    product = a * b
+    assert b * a is product and (a * -b).args == (product,)
+    del product
+    assert float(a * b) == 3.75 and set((a * b).args) == {a, b}
