@@ -5,8 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from robodyn_cli.summaries.facts import rounded_up
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.result import Result
+    from robodyn_cli.results.stated_errors import Stated
 
 _SUPERSCRIPT = str.maketrans("-\N{MINUS SIGN}.0123456789", "⁻⁻·⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -105,3 +110,10 @@ def typeset(text: str) -> str:
         return f"{'−' if sign else ''}{mantissa}{raised}"
 
     return PRODUCT.sub("·", NUMBER.sub(one, text.replace("^2", "²").replace("^3", "³")))
+
+
+def stated_words(one: Stated, result: Result) -> str:
+    """Return what the summary of a result states of an error in words, with its unit."""
+    own = one.statement.unit_in(result)
+    parts = one.words, error_number(one.value, 2), unit(own) if own != "1" else ""
+    return " ".join(filter(None, parts))

@@ -29,6 +29,7 @@ from robodyn_cli.report.registry import Drawings, applicable, draw_all
 from robodyn_cli.report.style import styled
 from robodyn_cli.report.time_sheet import error_words, hatch, lost_note, panel_height
 from robodyn_cli.results.atomic import output_errors
+from robodyn_cli.results.output_dir import path_ends
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_until
 from robodyn_cli.spatial.algebra import Array
@@ -96,16 +97,6 @@ def labels_of(paths: Sequence[Path], titles: Sequence[str]) -> list[str]:
         title if titles.count(title) == 1 else f"{title} ({end})".strip()
         for title, end in zip(titles, path_ends(paths))
     ]
-
-
-def path_ends(paths: Sequence[Path]) -> list[str]:
-    """Return the shortest ends of paths that tell results apart."""
-    parts = [(path if path.is_dir() else path.parent).resolve().parts for path in paths]
-    for count in range(1, max(len(p) for p in parts) + 1):
-        ends = ["/".join(p[-count:]) for p in parts]
-        if len(set(ends)) == len(ends):
-            return ends
-    return [f"{k + 1}: {path}" for k, path in enumerate(paths)]
 
 
 def common_plots(results: Sequence[Result]) -> list[str]:

@@ -28,12 +28,12 @@ from robodyn_cli.report.curves import (
 )
 from robodyn_cli.report.format import NARROW, NOTE_WIDTH, current
 from robodyn_cli.report.looks import looks_of
-from robodyn_cli.report.numbers import error_number, times, unit
+from robodyn_cli.report.numbers import stated_words, times
 from robodyn_cli.report.style import PlainFormatter
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.sampling import sparse_words, too_far_apart
-from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
+from robodyn_cli.results.stated_errors import concerning, meaningful_error, meaningful_until
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL
 
@@ -148,21 +148,6 @@ def hatch(axes: Sequence[Axes], until: float) -> None:
             ax.set_xlim(low, high)
 
 
-def told(one: Stated, result: Result) -> str:
-    """Return what the summary of a result states of an error in words, with its unit."""
-    own = one.statement.unit_in(result)
-    return " ".join(
-        filter(
-            None,
-            (
-                one.words,
-                error_number(one.value, 2),
-                unit(own) if own != "1" else "",
-            ),
-        )
-    )
-
-
 def error_words(result: Result, path: str) -> str:
     """Return in a line what a result states of the error of a dataset or a group: first what bounds it."""
     until = meaningful_until(result.summary)
@@ -172,7 +157,7 @@ def error_words(result: Result, path: str) -> str:
         if one.statement.bounds == path and np.isfinite(until):
             one = dataclasses.replace(one, value=min(one.value, meaningful_error(result, path)))
             when = f" until {times([until])[0]}"
-        words = told(one, result) + when
+        words = stated_words(one, result) + when
         if words not in said and (not said or len("; ".join([*said, words])) < NOTE_WIDTH - len(UNDER) - 8):
             said.append(words)
     if said:

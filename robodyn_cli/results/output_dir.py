@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -234,3 +234,13 @@ def _entries(directory: Path) -> list[Path]:
 def _is_drawing(name: Any) -> bool:
     """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
     return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIXES)
+
+
+def path_ends(paths: Sequence[Path]) -> list[str]:
+    """Return the shortest ends of paths, of results or of their directories, that tell these apart."""
+    parts = [(path if path.is_dir() else path.parent).resolve().parts for path in paths]
+    for count in range(1, max(len(p) for p in parts) + 1):
+        ends = ["/".join(p[-count:]) for p in parts]
+        if len(set(ends)) == len(ends):
+            return ends
+    return [f"{k + 1}: {path}" for k, path in enumerate(paths)]

@@ -167,6 +167,17 @@ def test_a_small_cold_run_calls_few_functions(tmp_path: Path) -> None:
     assert int(ended.stdout.splitlines()[-1]) <= MOST_CALLED
 
 
+def test_figures_of_several_results_are_compared_without_drawings(tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        modules_of(
+            "statics", "configs/double_pendulum.yaml", "--no-plots", "--quiet", "--out", str(tmp_path / name)
+        )
+    found = modules_of("compare", str(tmp_path / "first"), str(tmp_path / "second"), "--figures", "--quiet")
+    assert (
+        "robodyn_cli.report.page.compared" in found and not {"matplotlib", "robodyn_cli.report.style"} & found
+    )
+
+
 def test_building_a_system_imports_neither_results_nor_runs() -> None:
     """Who only integrates (as the benchmarks do) gets scene, equations, kernels and integrator, and no more."""
     code = (

@@ -77,9 +77,9 @@ def shown(results: Sequence[Stored], planned: bool, live: Sequence[Asked] = ()) 
     or a scene cannot run in a page. SceneError : no scene has a key.
     """
     from robodyn_cli.over.batch.stored import read_all
-    from robodyn_cli.report.overlay import path_ends
     from robodyn_cli.report.page.page import Shown
     from robodyn_cli.report.page.several import WHOLE
+    from robodyn_cli.results.output_dir import path_ends
 
     paths, read = zip(*read_all(results))
     for path, result in zip(paths, read):

@@ -12,7 +12,6 @@ from typing import Any
 from robodyn_cli.errors import CapabilityError, of_option
 from robodyn_cli.foreign import spreadsheet_cell
 from robodyn_cli.over.batch.stored import Stored, is_tree, read_all, runs_below
-from robodyn_cli.report.overlay import path_ends
 from robodyn_cli.report.page.compared import (
     DIFFER,
     OPEN,
@@ -24,6 +23,7 @@ from robodyn_cli.report.page.compared import (
     unit_of,
 )
 from robodyn_cli.report.page.tables import Quantity, written
+from robodyn_cli.results.output_dir import path_ends
 from robodyn_cli.summaries.checks import VariantFigure, VariantsReport, VariantValue
 from robodyn_cli.works.equations.names import latex_text
 

@@ -15,8 +15,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.report import figures
 from robodyn_cli.report.cells import is_number
-from robodyn_cli.report.numbers import number, typeset, unit
-from robodyn_cli.report.time_sheet import told
+from robodyn_cli.report.numbers import number, stated_words, typeset, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 from robodyn_cli.summaries import rounding
@@ -158,7 +157,9 @@ def main_figures(result: Result) -> Html | None:
 
 def errors_of(result: Result, *paths: str) -> Html | None:
     """Return the errors and residuals that datasets are to be read with, None where the summary has none for them."""
-    said = dict.fromkeys(told(one, result) for path in paths for one in concerning(result.summary, path))
+    said = dict.fromkeys(
+        stated_words(one, result) for path in paths for one in concerning(result.summary, path)
+    )
     return element("p", f"Errors: {'; '.join(said)}.", class_="errors") if said else None
 
 
