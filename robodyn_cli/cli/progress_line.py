@@ -13,6 +13,7 @@ from robodyn_cli.foreign import printable
 OFTEN = 0.1  # s between two lines
 SOON = 1.0  # s of a pass before its time left is told
 LONGEST_BAR, SHORTEST_BAR = 30, 6  # columns
+UNITS = ((1.0, "s"), (60.0, "min"), (3600.0, "h"))
 
 
 class ProgressLine:
@@ -83,11 +84,12 @@ def duration(seconds: float) -> str:
 
 
 def spent(seconds: float) -> str:
-    """Return a time that something took, for reading."""
+    """Return a time that something took, for reading: with two digits."""
     seconds = max(seconds, 0.01)
-    return (
-        f"{seconds:.2f} s" if seconds < 0.995 else f"{seconds:.1f} s" if seconds < 9.95 else duration(seconds)
-    )
+    if seconds < 0.995:
+        return f"{seconds:.2f} s"
+    size, unit = next((size, unit) for size, unit in UNITS if seconds < 99.5 * size or unit == "h")
+    return f"{seconds / size:.1f} {unit}" if seconds < 9.95 * size else f"{seconds / size:.0f} {unit}"
 
 
 def columns() -> int:

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 Describe = Callable[..., str]
 
 
-LONG_PLOTS = 1.0  # s from which on it is told that most of a run was spent on plots
+# stages that a run may spend most of its time on, and what a user may know then; told from so many seconds on
+MOSTLY = {"plots": "for plots: --no-plots", "compile": "for compiling, which is kept for the next run"}
+LONG = 1.0
 
 
 def default_directory(scene: Path | None, command: str) -> Path:
@@ -192,11 +194,12 @@ def say_where(directory: Output, console: Console, summary: Mapping[str, Any]) -
     """Print where results are: how many files and what they took, or all of them by name."""
     from robodyn_cli.cli.progress_line import spent
 
-    names, total = directory.outputs, summary.get("wall_time_s", {}).get("total")
+    names, times = directory.outputs, summary.get("wall_time_s", {})
+    total = times.get("total")
     took = "" if total is None else f" in {spent(total)}"
-    drawn = summary.get("wall_time_s", {}).get("plots", 0.0)
-    if total is not None and drawn > max(0.5 * total, LONG_PLOTS):
-        took += f", {spent(drawn)} of it for plots: --no-plots"
+    for stage, words in MOSTLY.items():
+        if total is not None and times.get(stage, 0.0) > max(0.5 * total, LONG):
+            took += f", {spent(times[stage])} of it {words}"
     files = ", ".join(names) if console.verbose else f"{len(names)} files{took}; -v tells more"
     console.say(f"results: {directory.path}  ({files})")
 

@@ -22,7 +22,7 @@ def test_command_line(tmp_path: Path) -> None:
     assert "about the pose, held by constant torques" in done.out and "holding torques" in done.out
     files = {path.name for path in out.iterdir()}
     # all poles are real: two grow, none oscillates; each figure stands in the column of the others
-    assert done.out.count(" -        -  grows e times") == 2 == done.out.count(" -        -  decays to 1/e")
+    assert done.out.count("  grows e times\n") == 2 == done.out.count("  decays to 1/e\n")
     assert "1/s grows e times in " in done.out
     columns = {line.index(line[2:].split("  ")[-1].lstrip()) for line in done.out.splitlines() if "  linear model " in line
                or "  stability " in line}  # fmt: skip

@@ -16,6 +16,7 @@ import pytest
 from robodyn_cli.cli import console, progress_line
 from robodyn_cli.cli.console import fitted
 from robodyn_cli.cli.figure_words import figure_lines
+from robodyn_cli.cli.runner import say_where
 from robodyn_cli.cli.words import table
 from robodyn_cli.commands import places
 from robodyn_cli.registry import Registry
@@ -204,9 +205,61 @@ def test_by_default_the_main_figures_are_told_and_with_v_all(command: str, tmp_p
 def test_times_have_two_digits_up_to_ten_seconds() -> None:
     from robodyn_cli.cli.progress_line import spent
 
-    seconds = (0.0, 0.0034, 0.0149, 0.8, 1.04, 9.94, 9.96, 75.0, 130.0, 7200.0)
+    seconds = (0.0, 0.0034, 0.0149, 0.8, 1.04, 9.94, 9.96, 75.0, 100.0, 130.0, 3000.0, 7200.0)
     assert [spent(x) for x in seconds] == [
-        "0.01 s", "0.01 s", "0.01 s", "0.80 s", "1.0 s", "9.9 s", "10 s", "75 s", "2 min", "2.0 h"]  # fmt: skip
+        "0.01 s", "0.01 s", "0.01 s", "0.80 s", "1.0 s", "9.9 s", "10 s", "75 s", "1.7 min", "2.2 min", "50 min", "2.0 h"]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        ({"compile": 0.4, "total": 0.6}, "2 files in 0.60 s"),
+        ({"compile": 3.0, "plots": 1.0, "total": 5.0}, "in 5.0 s, 3.0 s of it for compiling, which is kept"),
+        ({"compile": 1.0, "plots": 3.0, "total": 5.0}, "in 5.0 s, 3.0 s of it for plots: --no-plots"),
+        ({"compile": 2.0, "plots": 2.0, "total": 5.0}, "in 5.0 s; -v tells more"),
+        ({}, "2 files; -v tells more"),
+    ],
+)
+def test_where_most_of_the_time_went_is_told(
+    times: dict[str, float], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = types.SimpleNamespace(path=Path("out"), outputs=["result.h5", "summary.json"])
+    say_where(kept, console.Console(), {"wall_time_s": times})  # type: ignore[arg-type]
+    assert told in capsys.readouterr().out
+
+
+STUDIED = {
+    "sweep": ("2r_circle.yaml", "--vary", "robot.links.link2.mass=[10, 20]", "--of", "peak_torque.theta1"),
+    "sensitivity": ("2r_circle.yaml", "--to", "robot.links.link2.mass", "--of", "peak_torque.theta1"),
+    "optimise": ("search/spring_balance.yaml",),
+}
+
+
+@pytest.mark.parametrize("command", STUDIED)
+def test_studies_tell_what_they_took_and_figures_with_errors(command: str, tmp_path: Path) -> None:
+    scene, *words = STUDIED[command]
+    told = (command, CONFIGS / scene, *words, "--no-plots", "--out", tmp_path)
+    short, whole = invoke(*told), invoke(*told, "-v")
+    assert short.code == 0 and re.search(
+        r"^results: .*\(\d files in [0-9.]+ s; -v tells more\)$", short.out, re.M
+    )
+    assert "+-" in short.out and len(whole.out) > len(short.out)
+    assert ("method" in whole.out) == (command == "sensitivity") and "method" not in short.out
+    assert "price" not in short.out, "of a search without active bounds"
+
+
+def test_modes_are_told_by_their_poles_and_errors(tmp_path: Path) -> None:
+    told = ("linearise", CONFIGS / "double_pendulum.yaml", "--at", "balance", "--no-plots", "--out", tmp_path)
+    short, whole = invoke(*told).out, invoke(*told, "-v").out
+    for out, heads in ((short, ["mode"]), (whole, ["mode", "in [s]", "frequency [Hz]", "damping", "moves"])):
+        (head,) = [line for line in out.splitlines() if "pole [1/s]" in line]
+        assert re.split(r"\s{2,}", head.strip()) == ["pole [1/s]", "error [1/s]", *heads]
+
+
+def test_an_assembly_at_rest_is_told_by_its_positions(tmp_path: Path) -> None:
+    told = ("assemble", CONFIGS / "four_bar_deploy.yaml", "--no-plots", "--out", tmp_path)
+    assert "acceleration" not in invoke(*told).out and "acceleration [rad/s^2]" in invoke(*told, "-v").out
+    assert "rate [rad/s]" in invoke(*told, "--set", "initial.qd={theta1: 1}").out
 
 
 def test_joints_that_are_left_out_are_counted() -> None:

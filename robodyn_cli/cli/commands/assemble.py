@@ -68,8 +68,11 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         ("rate", summary["rates"], RATE, 6),
         ("acceleration", summary["accelerations"], ACCELERATION, 6),
     ]
-    lines.append(coordinate_table(summary["units"], columns))
-    lines.append("  residual           " + closure_text(summary["residual"]))
+    moves = any(summary["rates"].values())
+    lines.append(coordinate_table(summary["units"], columns if verbose or moves else columns[:1]))
+    residual = summary["residual"]
+    told = residual if verbose or moves else {"position": residual["position"]}
+    lines.append("  residual           " + closure_text(told))
     if summary["tolerance"] >= ROUNDING:
         lines.append(
             f"  not exact          redundant rows contradict each other by rounding in the data: closed to "

@@ -18,8 +18,8 @@ from robodyn_cli.errors import SceneError, of_option
 BALANCE, START = "balance", "start"
 MOVING = 1e-3  # amplitude of a coordinate below which a mode's line leaves it out
 MOST = 4  # coordinates of a mode that are listed
-HEADS = ["pole [1/s]", "error [1/s]", "frequency [Hz]", "damping", "", "in [s]"]
-WIDE = 200  # the table of modes is not divided
+HEADS = ["pole [1/s]", "error [1/s]", "mode", "in [s]", "frequency [Hz]", "damping", "moves"]
+MAIN = 3  # of these columns that are told first
 ABOUT = {
     "state": "about the state",
     "balance": "about a balance",
@@ -215,9 +215,9 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
             f"at t = {number(growth['time'])} s"
         )
         for instant in summary.get("instants", ()):
-            lines += _modes(instant, f" at {number(instant['time'])} s")
+            lines += _modes(instant, verbose, f" at {number(instant['time'])} s")
         return "\n".join(lines)
-    return "\n".join([*lines, *_modes(summary), *_discrete(summary), *_loop(summary)])
+    return "\n".join([*lines, *_modes(summary, verbose), *_discrete(summary), *_loop(summary)])
 
 
 def _discrete(summary: Mapping[str, Any]) -> list[str]:
@@ -242,11 +242,10 @@ def _loop(summary: Mapping[str, Any]) -> list[str]:
     return loop_lines(summary)
 
 
-def _modes(of: Mapping[str, Any], when: str = "") -> list[str]:
-    """Return the lines of a system's modes."""
+def _modes(of: Mapping[str, Any], verbose: bool, when: str = "") -> list[str]:
+    """Return the lines of a system's modes: of each its pole with the error, with -v all else."""
     rows = [HEADS, *map(_row, of["modes"])]
-    moves = ["moves", *map(_moves, of["modes"])]
-    lines = [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
+    lines = [table(rows if verbose else [row[:MAIN] for row in rows])]
     # with a controller these are poles of what it drives
     name = "without control" if "closed_loop" in of else f"stability{when}"
     return [f"  {name:<18} {_stability(of)}", "  modes, slowest first:", *lines]
@@ -270,7 +269,8 @@ def _row(mode: Mapping[str, Any]) -> list[str]:
     if mode["imaginary"]:
         oscillation = [number(mode["frequency"], 5), number(mode["damping"], 4)]
     way = "" if mode["time"] is None else "grows e times" if mode["real"] > 0.0 else "decays to 1/e"
-    return [_pole(mode) + note, error_text(mode["error"]), *oscillation, way, number(mode["time"], 4)]
+    pole = [_pole(mode) + note, error_text(mode["error"]), way]
+    return [*pole, number(mode["time"], 4), *oscillation, _moves(mode)]
 
 
 def _pole(mode: Mapping[str, Any]) -> str:

@@ -92,7 +92,9 @@ def command(
     from robodyn_cli.over.search.report import report
     from robodyn_cli.over.search.search import run_search
     from robodyn_cli.scene.load import Family
+    from robodyn_cli.tools.progress import Stopwatch
 
+    watch = Stopwatch()
     console, drawings = shared.console, shared.drawings("optimise")
     target, family = shared.directory(scene, "optimise"), Family(scene, shared.overrides or ())
     start, progress = time.perf_counter(), SearchProgress(console)
@@ -111,7 +113,7 @@ def command(
                 ended = run_search(search, maker, progress.reached)
                 result = report(ended, maker, time.perf_counter() - start)
             store(result, directory)
-            publish(result, directory, drawings, console)
+            publish(result, directory, drawings, console, watch)
             journal.forget()
     show(result, directory, console, describe)
     for text in result.summary.get("not_held", ()):
@@ -210,7 +212,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         at = f" ({key['at']})" if "at" in key else ""
         rows.append([name, _number(key["value"], key["uncertainty"]), _unit(key["unit"]), bounds + at,
                      _priced(key)])  # fmt: skip
-    lines.append(table(rows))
+    lines.append(table(_without_empty(rows)))
     rows = [["output", "value", "unit", "asked for", "price of the limit"]]
     for name, found in summary["figures"].items():
         rows.append(
@@ -221,7 +223,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
                 *_asked(summary, name),
             ]
         )
-    lines.append(table(rows))
+    lines.append(table(_without_empty(rows)))
     lines.append(f"  proof              {summary['proof']['text']}")
     if verbose and (other := summary["other"]) is not None:
         values = ", ".join(f"{key} = {shown(x)}" for key, x in other["values"].items())
@@ -233,11 +235,15 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         )
     for code, text in effort["reasons"].items():
         lines.append(f"  failing runs       exit code {code}: {text}")
-    for name, why in summary["left_out"].items():
-        lines.append(f"  no constraint      expect {name}: {why}")
-    for name, why in summary["not_exact"].items():
-        lines.append(f"  by differences     {name}: {why}")
+    if verbose:
+        lines += [f"  no constraint      expect {name}: {why}" for name, why in summary["left_out"].items()]
+        lines += [f"  by differences     {name}: {why}" for name, why in summary["not_exact"].items()]
     return "\n".join([*lines, f"  {summary['repeat']}"])
+
+
+def _without_empty(rows: list[list[str]]) -> list[list[str]]:
+    """Return a table without the last column where no row has anything there."""
+    return rows if any(row[-1] for row in rows[1:]) else [row[:-1] for row in rows]
 
 
 def _asked(summary: Mapping[str, Any], name: str) -> tuple[str, str]:

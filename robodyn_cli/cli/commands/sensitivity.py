@@ -46,7 +46,9 @@ def command(
     from robodyn_cli.over.sensitivity.asked import prepare
     from robodyn_cli.over.sensitivity.report import report, sensitivities
     from robodyn_cli.scene.load import Family
+    from robodyn_cli.tools.progress import Stopwatch
 
+    watch = Stopwatch()
     console, drawings = shared.console, shared.drawings("sensitivity")
     target = shared.directory(scene, "sensitivity")
     start = time.perf_counter()
@@ -59,7 +61,7 @@ def command(
                 console.clear()
             result = report(derivatives, time.perf_counter() - start)
             store(result, directory)
-            publish(result, directory, drawings, console)
+            publish(result, directory, drawings, console, watch)
     show(result, directory, console, describe)
     return 0
 
@@ -70,13 +72,11 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     reasons: dict[str, list[str]] = {}
     for name, slopes in summary["sensitivities"].items():
         lines += ["", _head(name, summary["nominal"][name])]
-        rows = [["key", "value", "derivative", "unit", "normalised", "method"]]
+        rows = [["key", "derivative", "unit", *(["value", "normalised", "method"] if verbose else [])]]
         for key, slope in slopes.items():
             value = shown(summary["keys"][key]["value"])
-            rows.append([
-                key, value, stated(slope["derivative"], slope["error"]), slope["unit"],
-                shown(slope["normalised"], 4), slope["method"],
-            ])  # fmt: skip
+            more = [value, shown(slope["normalised"], 4), slope["method"]] if verbose else []
+            rows.append([key, stated(slope["derivative"], slope["error"]), slope["unit"], *more])
             if "reason" in slope and key not in reasons.setdefault(slope["reason"], []):
                 reasons[slope["reason"]].append(key)
         lines.append(table(rows))

@@ -75,7 +75,9 @@ def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -
     """Run the suite; return 1 where a case misses its expectation."""
     from robodyn_cli.over.stability.suite import suite
     from robodyn_cli.results.atomic import write_bytes
+    from robodyn_cli.tools.progress import Stopwatch
 
+    watch = Stopwatch()
     console, drawings = shared.console, shared.drawings("stability")
     with (
         console.waiting(lambda: "the suite"),
@@ -89,7 +91,7 @@ def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -
         store(result, directory)
         for case in result.summary["cases"]:
             write_bytes(directory.new / f"{case['name']}.yaml", case.pop("scene").encode())
-        publish(result, directory, drawings, console)
+        publish(result, directory, drawings, console, watch)
     show(result, directory, console, describe_suite)
     return 0 if result.summary["missed"] == 0 else FAILED
 
@@ -109,9 +111,11 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     wrong = [
         f"  {m['method']}: {m['message']}"
         for m in summary["methods"]
-        if m["message"] and m["status"] != "stable"
+        if m["message"] and m["status"] not in ("stable", *(() if verbose else ("unsupported",)))
     ]
-    lines = [*_reference_lines(summary, verbose), table(_method_rows(summary)), *wrong, *_gain_lines(summary)]
+    rows = _method_rows(summary)
+    shown = rows if verbose else [row[:4] + row[5:6] for row in rows]
+    lines = [*_reference_lines(summary, verbose), table(shown), *wrong, *_gain_lines(summary)]
     return "\n".join([str(summary["title"]), *lines])
 
 

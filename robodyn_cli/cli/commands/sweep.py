@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.in_memory import Output
     from robodyn_cli.results.result import Result
+    from robodyn_cli.tools.progress import Stopwatch
 
 MOST_CASES = 8  # shown on the terminal
 
@@ -86,12 +87,13 @@ def command(
     from robodyn_cli.over.study.runs import cost_of, why_slow
     from robodyn_cli.over.study.study import AskedStudy, options_of, prepare
     from robodyn_cli.scene.load import Family
+    from robodyn_cli.tools.progress import Stopwatch
 
     if scheduler is not None and jobs is not None:
         raise of_option(
             "--jobs", "does not go with --scheduler: each worker has the threads that it was started with"
         )
-    console = shared.console
+    console, watch = shared.console, Stopwatch()
     drawings = shared.drawings("sweep")
     target, family = shared.directory(scene, "sweep"), Family(scene, shared.overrides or ())
     options = options_of(
@@ -104,7 +106,7 @@ def command(
             console.note(f"robodyn: {slow}; {cost_of(study.seconds)}")
         with begun(directory, console):
             maker = _maker(scheduler, jobs or cores(), console, study.seconds)
-            result = _run(study, directory, maker, console, drawings)
+            result = _run(study, directory, maker, console, drawings, watch)
     judged = options.least_yield is not None
     show(result, directory, console, lambda summary, verbose: describe(summary, judged, verbose))
     return _judge(result.summary, options.least_yield, console)
@@ -130,6 +132,7 @@ def _run(
     maker: AbstractContextManager[Make],
     console: Console,
     drawn: Drawings | None,
+    watch: Stopwatch,
 ) -> Result:
     """Make the runs and write what they give; return the result."""
     from robodyn_cli.over.study.report import earlier_rows, report
@@ -151,7 +154,7 @@ def _run(
             store(result, directory, writer)
         if drawn is not None or not directory.lasts:
             result.variables = read(directory.result_path).variables
-        publish(result, directory, drawn, console)
+        publish(result, directory, drawn, console, watch)
         file.forget()
     return result
 

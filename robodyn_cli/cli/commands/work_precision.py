@@ -72,7 +72,9 @@ def command(
     from robodyn_cli.over.work_precision.work_precision import work_precision
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.scene.load import load_scene
+    from robodyn_cli.tools.progress import Stopwatch
 
+    watch = Stopwatch()
     console, drawings = shared.console, shared.drawings("work-precision")
     names = methods.split(",") if methods else None
     with (
@@ -88,7 +90,7 @@ def command(
                 console.clear()
             store(result, directory)
             write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
-            publish(result, directory, drawings, console)
+            publish(result, directory, drawings, console, watch)
     show(result, directory, console, describe)
     return 0
 
