@@ -4,6 +4,11 @@ document.addEventListener("DOMContentLoaded", () => {
   document.querySelector(".sidebar-drawer")?.setAttribute("aria-label", "Contents of the site");
   document.querySelector(".toc-drawer")?.setAttribute("aria-label", "On this page");
   if (!document.querySelector("h1")) document.querySelector("[role=main]")?.prepend(Object.assign(document.createElement("h1"), { textContent: "Search" }));
+  // keys in tables break behind dots
+  for (const one of document.querySelectorAll("td code .pre")) {
+    const parts = one.textContent.split(/(?<=[./=,])(?=\w)/);
+    one.replaceChildren(...parts.flatMap((part, k) => (k ? [document.createElement("wbr"), part] : [part])));
+  }
   // code that is wider than the screen scrolls by keys
   const scrolled = () => {
     for (const one of document.querySelectorAll("pre, .cell_output, .cell_output div, .formula, .table-wrapper")) {
