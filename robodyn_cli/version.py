@@ -12,19 +12,22 @@ __version__ = "0.2.0"
 REPOSITORY = ""
 
 
-def files_below(root: str) -> Iterator[str]:
+def files_below(root: str) -> Iterator[os.DirEntry[str]]:
     """Yield the files below a folder, without bytecode, in an order that only names decide."""
-    for folder, folders, names in os.walk(root):
-        folders[:] = sorted(set(folders) - {"__pycache__"})
-        yield from (os.path.join(folder, name) for name in sorted(names))
+    with os.scandir(root) as entries:
+        found = sorted(entries, key=lambda entry: entry.name)
+    yield from (entry for entry in found if not entry.is_dir())
+    for entry in found:
+        if entry.is_dir(follow_symlinks=False) and entry.name != "__pycache__":
+            yield from files_below(entry.path)
 
 
 def digest_of(root: str) -> str:
     """Return the SHA-256 of the files below a folder and of their names in it, without bytecode, hexadecimal."""
     hasher = hashlib.sha256()
-    for path in files_below(root):
-        with open(path, "rb", buffering=0) as stream:
+    for entry in files_below(root):
+        with open(entry.path, "rb", buffering=0) as stream:
             data = stream.read()
-        name = path[len(root) + 1 :].replace(os.sep, "/")
+        name = entry.path[len(root) + 1 :].replace(os.sep, "/")
         hasher.update(f"{name}\0{len(data)}\0".encode() + data)
     return hasher.hexdigest()

@@ -14,7 +14,6 @@ import hashlib
 import os
 import platform
 import stat
-import tempfile
 import time
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -150,6 +149,8 @@ class ObjectFile:
 
     def write(self, code: bytes) -> None:
         """Keep an object; losing a race or having no space is no error."""
+        import tempfile  # which a run that finds its code there does without
+
         with contextlib.suppress(OSError):
             handle, name = tempfile.mkstemp(dir=self.path.parent, suffix=PARTIAL)
             try:
@@ -175,7 +176,7 @@ def code_digest(root: str = PACKAGE) -> str:
     place on the disk are; those that have just changed are read again.
     """
     now = time.time_ns()
-    status = [(path, os.stat(path)) for path in files_below(root)]
+    status = [(entry.path, entry.stat()) for entry in files_below(root)]
     known = [(path, s.st_size, s.st_mtime_ns, s.st_ctime_ns, s.st_ino, s.st_dev) for path, s in status]
     settled = all(now - max(s.st_mtime_ns, s.st_ctime_ns) > SETTLED for _, s in status)
     folder = cache_directory() if settled else None

@@ -112,7 +112,8 @@ MOST_CALLED = (
 
 
 @pytest.mark.parametrize("run", MOST)
-def test_a_small_run_imports_few_modules(run: str, tmp_path: Path) -> None:
+def test_a_small_run_imports_few_modules(run: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBODYN_CACHE", "off")  # or it may keep something
     found = modules_of(*run.split(), "--no-plots", "--quiet", "--out", str(tmp_path))
     ours = sorted(name for name in found if name.startswith("robodyn_cli."))
     assert len(ours) <= MOST[run], ours
@@ -120,6 +121,7 @@ def test_a_small_run_imports_few_modules(run: str, tmp_path: Path) -> None:
         name.startswith(("robodyn_cli.kernels.rolled", "robodyn_cli.formulations.rolled")) for name in ours
     )
     assert not {"pydantic", "scipy", "matplotlib"} & found, "each takes as long as the run itself, or longer"
+    assert not {"tempfile", "random"} & found
 
 
 def test_a_failed_run_loads_no_drawings(tmp_path: Path) -> None:
