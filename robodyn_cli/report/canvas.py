@@ -13,10 +13,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from robodyn_cli.record import record
 from robodyn_cli.report import numbers, style
@@ -247,7 +251,24 @@ def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str, part: Bbox 
         style.prefix_axes(figure)
         style.number_log_axes(figure)
         style.place_offsets(figure)
+        OpaqueCanvas(figure)
         figure.savefig(file, format=kind[1:], bbox_inches=part, **_described(figure, kind))
+
+
+class OpaqueCanvas(FigureCanvasAgg):
+    """Writes PNG without transparency, which no drawing has: a fifth less to compress."""
+
+    def print_png(
+        self, filename_or_obj: Any, *, metadata: Any = None, pil_kwargs: Any = None, **_: Any
+    ) -> None:
+        """Draw the figure and write it."""
+        self.draw()  # type: ignore[no-untyped-call]
+        words = PngInfo()
+        for key, text in metadata.items():
+            words.add_text(key, text)
+        image = Image.fromarray(np.asarray(self.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
+        dpi = self.figure.dpi
+        image.save(filename_or_obj, "png", pnginfo=words, dpi=(dpi, dpi), **pil_kwargs)
 
 
 def below_heading(figure: Figure) -> Bbox | None:

@@ -64,6 +64,8 @@ _SETTINGS: dict[Any, Any] = {
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.xmargin": 0.0,
+    # titles stand where they are put: to find a place for them, all numbers of an axis would be laid out once more
+    "axes.titley": 1.0,
     "hatch.linewidth": 0.6,
     "grid.color": "#dedede",
     "grid.linewidth": 0.6,

@@ -12,8 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axis import YAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from robodyn_cli import inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import run
@@ -56,6 +58,21 @@ def no_warnings() -> Iterator[None]:
         # Libraries may use each other's old names.
         warnings.filterwarnings("ignore", category=DeprecationWarning, module="matplotlib|pyparsing")
         yield
+
+
+def test_pictures_are_opaque_and_titles_take_no_layout(tmp_path: Path) -> None:
+    """PNG has no transparency; places of titles are given, so numbers of axes are not laid out to find them."""
+    laid_out = []
+
+    def count(axis: YAxis, *_: object, **__: object) -> None:
+        laid_out.append(axis)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(YAxis, "get_tightbbox", count)
+        (file,) = draw_all(inverse_result(), tmp_path, Drawings(("torque_terms",)))
+    with Image.open(file) as picture:
+        assert picture.mode == "RGB" and picture.info["Title"]
+    assert not laid_out
 
 
 @pytest.mark.parametrize(
