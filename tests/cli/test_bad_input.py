@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.tool import PENDULUM, Done, files, invoke
+from tests.cli.tool import CONFIGS, PENDULUM, Done, files, invoke
 
 SCENE = PENDULUM + 'torques: {j1: "2*sin(t)"}\nparameters: {k: 0.1}\n'
 
@@ -276,3 +276,31 @@ def test_two_hundred_joints_in_one_wrong_order(tmp_path: Path) -> None:
         tmp_path / "p",
     )
     assert "'stray'" in message and "scene.yaml:" in message
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("deploy", "four_bar_deploy", "--set", "torques.theta9=3"),
+            "torques.theta9: unknown joint 'theta9'",
+        ),
+        (
+            ("simulate", "mechanisms/crane", "--set", "actuated=[trolley]", "--set", "control.joints=[arm]"),
+            "control.joints.0: unknown joint with one coordinate 'arm'",
+        ),
+        (("plan", "2r_circle", "--for", "statiks"), "--for statiks: has no plan"),
+        (
+            ("work-precision", "double_pendulum", "--methods", "gaus"),
+            "--methods: unknown method 'gaus' (did you mean",
+        ),
+    ],
+)
+def test_one_mistake_is_one_error_about_what_was_typed(
+    words: tuple[str, ...], told: str, tmp_path: Path
+) -> None:
+    command, scene, *rest = words
+    out = () if command == "plan" else ("--out", tmp_path)
+    done = invoke(command, CONFIGS / f"{scene}.yaml", *rest, *out)
+    (line,) = done.err.splitlines()
+    assert done.code == 2 and told in line and "allowed: " in line and "yaml:" not in line, done.err

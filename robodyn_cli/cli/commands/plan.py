@@ -12,7 +12,7 @@ from robodyn_cli.cli.offers import begun_by
 from robodyn_cli.cli.options import Overrides, SceneFile, Told
 from robodyn_cli.cli.runner import place_in_files, placed
 from robodyn_cli.commands import places
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import CapabilityError, SceneError, did_you_mean, of_option
 
 EXAMPLES = (
     "plan configs/2r_circle.yaml",
@@ -41,7 +41,10 @@ def command(
     from robodyn_cli.over.plan.plan import plan, render
     from robodyn_cli.scene.load import load_scene
 
-    console = told.console
+    console, planned = told.console, places("plan")
+    if for_command is not None and for_command not in planned:
+        allowed = f"{did_you_mean(for_command, planned)}; allowed: {', '.join(planned)}"
+        raise of_option(f"--for {for_command}", f"has no plan{allowed}", CapabilityError)
     loaded = load_scene(scene, list(overrides or ()))
     command = for_command or command_of(loaded)
     with console.waiting(lambda: "planning"), placed(scene, overrides or (), command):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError, of_option, unknown_name
 from robodyn_cli.integration_methods import EXTREMES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.options import Grid
@@ -166,7 +166,7 @@ def work_precision(
     chosen = list(methods or EXTREMES)
     for name in chosen:
         if name not in registry:
-            raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
+            raise of_option("--methods", unknown_name("method", name, registry), CapabilityError)
     watch = Stopwatch()
     motion, measure = prepared(with_stabilisation(integrable(scene, watch), "projection"), watch)
     with watch.stage("gains"):

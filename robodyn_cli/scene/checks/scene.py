@@ -229,6 +229,8 @@ def _check_drives(scene: Scene, check: Check) -> None:
 def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None:
     joint, dot, coordinate = name.partition(".")
     path: Path = ("torques", joint, *((coordinate,) if dot else ()))
+    if joint not in (each.name for each in scene.robot.joints):
+        return  # told already
     if scene.actuated is not None and joint not in scene.actuated:
         allowed = ", ".join(scene.actuated) or "none"
         check.fail(path, f"joint {joint!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
