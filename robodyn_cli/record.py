@@ -27,8 +27,10 @@ put = object.__setattr__
 MISSING = dataclasses.MISSING
 
 FIELDS = "__dataclass_fields__"
-# what the library gives any dataclass that it writes no methods for
-SAMPLE: Any = dataclasses.make_dataclass("SAMPLE", ["field"], init=False, repr=False, eq=False)
+# what the library gives any dataclass that it writes no methods for; with a docstring, as in ``_equip``
+SAMPLE: Any = dataclasses.make_dataclass(
+    "SAMPLE", ["field"], init=False, repr=False, eq=False, namespace={"__doc__": "A sample."}
+)
 KIND = getattr(SAMPLE, FIELDS)["field"]._field_type
 SHARED = {
     name: value for name, value in vars(SAMPLE).items() if name in ("__dataclass_params__", "__replace__")

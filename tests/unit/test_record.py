@@ -5,7 +5,9 @@ from __future__ import annotations
 import copy
 import dataclasses
 import importlib
+import inspect
 import pkgutil
+import runpy
 import types
 from functools import cached_property
 from typing import Any, ClassVar
@@ -202,3 +204,19 @@ def test_no_class_is_written_as_code() -> None:
                 assert isinstance(init, types.FunctionType)
                 assert init.__code__.co_filename != "<string>", f"{module.name}.{name}: use record"
     assert found > 100
+
+
+def test_no_signature_is_taken_apart_at_start_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The library does so for a dataclass without a docstring, which takes as long as several modules to import."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("taken apart")
+
+    monkeypatch.setattr(inspect, "signature", refuse)
+    own = runpy.run_path(str(importlib.import_module("robodyn_cli.record").__file__))
+
+    @own["record"]
+    class Bare:
+        x: int
+
+    assert Bare.__doc__ == "Bare"
