@@ -558,3 +558,17 @@ def test_a_curve_in_two_panels_has_two_values(opened: Opener, tmp_path: Path) ->
     told = figure.locator(".legend li span").first.inner_text().split("; ")
     # x and y of the tip at the start
     assert [float(x.replace("−", "-")) for x in told] == pytest.approx(result["points/tip"][0, :2], rel=1e-4)
+
+
+def test_a_drawing_among_very_many_is_made_where_it_is_opened(opened: Opener, tmp_path: Path) -> None:
+    results = [four_bar_result(201) for _ in range(13)]
+    write_page([Shown(f"r{k}", result) for k, result in enumerate(results)], tmp_path / "many.html")
+    page = opened(tmp_path / "many.html")
+    assert page.locator(".scene path").count() == 0 and page.locator("details.drawing").count() == 13
+    section = page.locator("#result-7")
+    section.locator(".drawing > summary").click()
+    section.locator(".scene[data-pose='0'] path").first.wait_for()
+    last = int(section.locator(".time").get_attribute("max"))
+    set_slider(section, last)
+    assert last > 20 and section.locator(".scene").bounding_box()["width"] > 300
+    assert page.locator(".scene path").count() == section.locator(".scene path").count(), "no other is made"

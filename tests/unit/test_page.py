@@ -543,12 +543,14 @@ def test_scenes_are_told_apart_by_their_keys() -> None:
 
 
 def test_a_page_of_very_many_results_stays_small() -> None:
-    """Its table has a row a result, each figure with its error; drawings and plots of each are left out."""
+    """Its table has a row a result, each figure with its error; drawings are small, and plots of each are left out."""
     results = [four_bar_result(301) for _ in range(30)]
     for k, result in enumerate(results):
         result.summary["lock"] = {"time": 12.0 + 0.01 * k, "time_error": 1e-9, "kind": "dead_point"}
     page = make_page([Shown(f"r{k}", result) for k, result in enumerate(results)])
-    assert len(page) < 3e6 and page.count('class="scene"') == 0 and 'class="plot"' not in page
+    assert len(page) < 3e6 and page.count('<details class="drawing">') == 30 and 'class="plot"' not in page
+    block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert block and all(one["poses"] <= MOST_POSES * 3 / 30 + 1 for one in json.loads(block[1])["figures"])
     assert page.count("<tr data-of=") == 30 and ">12.290000000 ± 1·10⁻⁹ s</td>" in page
     few = make_page([Shown(f"r{k}", result) for k, result in enumerate(results[:2])])
     assert few.count('class="scene"') == 2 and '<tr class="differ figure"' in few

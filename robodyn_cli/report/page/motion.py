@@ -32,13 +32,16 @@ MOST_MOMENTS = 300  # whose samples are kept in any case
 SIDES = {"x-y": 2, "x-z": 1, "y-z": 0}  # views along the world's axes, by what is seen
 
 
-def motion_data(result: Result, arrays: Arrays) -> dict[str, Any]:
-    """Return the drawing of a result that can be drawn, thinned to some poses; its arrays go into ``arrays``."""
+def motion_data(result: Result, arrays: Arrays, share: float = 1.0) -> dict[str, Any]:
+    """Return the drawing of a result that can be drawn, thinned to some poses; its arrays go into ``arrays``.
+
+    share : how much of the room that one drawing may take there is, of one among many.
+    """
     happened = moments(result)
-    samples = chosen_samples(result.time, happened, MOST_POSES)
+    samples = chosen_samples(result.time, happened, math.ceil(share * MOST_POSES))
     drawing = make_drawing(result, samples)
     few = BODY_NUMBERS // (OF_BODY * max(1, len(drawing.links)))
-    most = max(FEWEST_POSES, min(few, NUMBERS // _numbers_of_pose(drawing)))
+    most = math.ceil(share * max(FEWEST_POSES, min(few, NUMBERS // _numbers_of_pose(drawing))))
     if most < len(samples):
         thinner = chosen_samples(result.time, happened, most)
         kept = np.searchsorted(samples, np.intersect1d(thinner, samples))
@@ -47,7 +50,7 @@ def motion_data(result: Result, arrays: Arrays) -> dict[str, Any]:
     strongest = drawing.strongest
     duration = float(result.time[-1] - result.time[0])
     return {
-        **_drawing(drawing, arrays),
+        **_drawing(drawing, arrays, math.ceil(share * TRAILS)),
         **_view(view),
         "bodies": [_body(body, drawing, arrays) for body in traced_bodies(result, samples)],
         "caption": f"Longest arrow {number(strongest)} N." if strongest > 0.0 else "",
@@ -70,9 +73,9 @@ def _numbers_of_pose(drawing: Drawing) -> int:
     return 3 * (drawing.vertices.shape[1] + drawing.axes.shape[1] + len(drawing.arrows)) or 1
 
 
-def _drawing(drawing: Drawing, arrays: Arrays) -> dict[str, Any]:
-    """Return what there is to draw."""
-    share = TRAILS // max(1, len(drawing.trails))
+def _drawing(drawing: Drawing, arrays: Arrays, places: int) -> dict[str, Any]:
+    """Return what there is to draw; places : of all paths."""
+    share = places // max(1, len(drawing.trails))
     return {
         "times": arrays.put(drawing.times, double=True),
         "vertices": arrays.put(drawing.vertices),

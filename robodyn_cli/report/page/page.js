@@ -37,6 +37,11 @@ function chartOf(data, arrays) {
   return { ...data, panels };
 }
 
+/* Do something once, when what is folded is opened. */
+function whenOpened(details, act) {
+  details.addEventListener("toggle", act, { once: true });
+}
+
 function start() {
   const { arrays: packed, figures, live, several } = JSON.parse(document.getElementById("data").textContent);
   const arrays = packed.map(unpacked), cursors = new Map();
@@ -46,6 +51,7 @@ function start() {
       const data = figures[Number(figure.dataset.figure)];
       if (data.curves) saveable(figure, { ...data, curves: data.curves.map((curve) => withArrays(curve, arrays, ["x", "y"])) });
       else if (data.panels) new Chart(figure, chartOf(data, arrays), cursor);
+      else if (figure.closest("details.drawing")) whenOpened(figure.parentNode, () => new Player(figure, drawingOf(data, arrays)));
       else cursor = new Cursor(new Player(figure, drawingOf(data, arrays)));
     }
     cursors.set(section, cursor);
@@ -60,7 +66,7 @@ function start() {
       chart.paper = true;
       chart.draw();
     }
-    folded = [...document.querySelectorAll("details:not([open]):not(.sweep)")];
+    folded = [...document.querySelectorAll("details:not([open]):not(.sweep, .drawing)")];
     for (const one of folded) one.open = true;
   });
   window.addEventListener("afterprint", () => {

@@ -45,7 +45,8 @@ LIVE_GIVEN = (
     "those of the command; plots and tables below are of the stored result. What is marked below a slider is left to "
     "the command."
 )
-SHORT = f"Pages of more than {several.WHOLE} results have no drawing and plots of each; a page of this one alone has."
+SHORT = f"Pages of more than {several.WHOLE} results have no plots of each; a page of this one alone has."
+UNDRAWN = f"Pages of more than {several.DRAWINGS} results have no drawing of each either."
 
 
 @record
@@ -62,7 +63,7 @@ def section(place: int, shown: Shown, store: Store, among: int | None) -> Html:
     """Return the section of the ``place``-th result; what the script draws goes into ``store``.
 
     among : how many results there are, None of the page's only one, whose title is that of the page. Among very many
-    it has no drawing and plots of its own.
+    it has no plots of its own, and a small drawing.
 
     Raises
     ------
@@ -72,7 +73,7 @@ def section(place: int, shown: Shown, store: Store, among: int | None) -> Html:
     moving, whole = has_poses(result), among is None or among <= several.WHOLE
     parts: list[Any] = [
         _head(shown, among is None),
-        _motion(result, store) if moving and whole else None,
+        _motion(result, store, among or 1) if moving else None,
         None if shown.live is None else _live(place, store, shown.live, result),
         tables.main_figures(result),
         plots_of(result, store, moving) if whole else element("p", SHORT, class_="note"),
@@ -120,9 +121,12 @@ def _head(shown: Shown, alone: bool) -> Html:
     return markup(parts)
 
 
-def _motion(result: Result, store: Store) -> Html:
-    """Return the drawing with what moves it."""
-    data = motion_data(result, store.arrays)
+def _motion(result: Result, store: Store, among: int) -> Html:
+    """Return the drawing with what moves it; of one among very many results a small one, folded away."""
+    if among > several.DRAWINGS:
+        return element("p", UNDRAWN, class_="note")
+    small = among > several.WHOLE
+    data = motion_data(result, store.arrays, 3.0 / among if small else 1.0)
     poses, samples = data["poses"], data["samples"]
     drawing = element(
         "svg", class_="scene", tabindex="0", role="img", aria_label=f"The mechanism of {result.title}. {HELP}"
@@ -132,11 +136,13 @@ def _motion(result: Result, store: Store) -> Html:
         kept = ", those at moments of the run among them" if moments(result) else ""
         words.append(f" {poses} of {samples} samples are shown{kept}.")
     told = element("div", class_="told-body", hidden=True, role="group", aria_label="Chosen body")
-    content = [drawing, still(result, store), _controls(data), told, _moments(result) if poses > 1 else None]
+    spare = None if small else still(result, store)
+    content = [drawing, spare, _controls(data), told, _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
     seen = [path for path in ("q", "qd", "tau", "reactions") if path in result or result.group(path)]
     content += [tables.errors_of(result, *seen)]
-    return element("figure", content, class_="motion", data_figure=store.add(data))
+    figure = element("figure", content, class_="motion", data_figure=store.add(data))
+    return element("details", element("summary", "Drawing"), figure, class_="drawing") if small else figure
 
 
 def _looks(result: Result) -> dict[int, list[dict[str, Any]]]:

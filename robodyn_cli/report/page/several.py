@@ -29,6 +29,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_until
 
 WHOLE = 12  # results that have drawings and plots of their own
+DRAWINGS = 120  # results that have a small drawing, which is made where it is opened; in all as large as that of three
 ABREAST = 6  # results that stand side by side; more are rows
 MOST_FIGURES = 80  # of the table
 POINTS = 600_000  # of all lines over one another: 10 MB as text
