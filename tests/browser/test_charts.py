@@ -224,3 +224,48 @@ def test_curves_of_a_picture_are_saved(planar: tuple[Result, Path], opened: Open
     places = result[f"points/{name}"][:, :2]
     gaps = np.linalg.norm(rows[:, None] - places, axis=2)
     assert len(rows) > 20 and gaps.min(axis=1).max() < 0.05 and gaps[[0, -1], [0, -1]].max() < 1e-6
+
+
+def test_the_rows_of_a_map_are_saved(tmp_path: Path, opened: Opener) -> None:
+    """Colours tell little; the file has each row's numbers, not those that were scaled for the colours."""
+    result = chain_result(30)
+    page = page_of(opened, result, tmp_path)
+    plot = page.locator("figure.plot").filter(
+        has=page.get_by_role("heading", name="Joint rates", exact=True)
+    )
+    heads, rows = table(saved(page, plot, "CSV"))
+    assert heads[0] == "time [s]" and len(heads) == 31 and heads[3] == "joint3: joint rate [rad/s]"
+    at = [int(np.argmin(np.abs(result.time - t))) for t in rows[:, 0]]
+    assert len(at) > 100 and rows[:, 1:] == pytest.approx(result["qd"][at], rel=1e-6, abs=1e-12)
+
+
+def test_a_part_of_a_picture_is_enlarged(planar: tuple[Result, Path], opened: Opener) -> None:
+    """By a drag and by keys, and back; a file of its curves is whole all the same."""
+    page = opened(planar[1])
+    plot = page.locator("figure.plot").filter(has=page.get_by_role("heading", name="Tip path", exact=True))
+    plot.scroll_into_view_if_needed()
+    picture, back = plot.locator("svg.picture"), plot.get_by_role("button", name="See all of the picture")
+
+    def seen() -> list[float]:
+        return [float(x) for x in picture.get_attribute("viewBox").split()]
+
+    whole, box = seen(), picture.bounding_box()
+    assert not back.is_visible()
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.25 * box["height"])
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.6 * box["height"])
+    page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 0.75 * box["height"])
+    page.mouse.up()
+    assert seen() == pytest.approx([0.25 * whole[2], 0.25 * whole[3], 0.5 * whole[2], 0.5 * whole[3]], rel=0.02)
+    assert picture.bounding_box() == box and back.is_visible() and plot.locator(".chosen").count() == 0
+    frame = plot.locator(".wide")
+    frame.press("+")
+    frame.press("ArrowRight")
+    assert seen()[2] == pytest.approx(0.25 * whole[2], rel=0.02)
+    assert seen()[0] == pytest.approx((0.375 + 0.0625) * whole[2], rel=0.02)
+    for _ in range(12):
+        frame.press("ArrowLeft")
+    assert seen()[0] == 0.0, "no further than the picture"
+    back.click()
+    assert seen() == whole and not back.is_visible()
+    assert len(table(saved(page, plot, "CSV"))[1]) > 20

@@ -104,13 +104,13 @@ def chart_data(figure: Figure, arrays: Arrays) -> dict[str, Any] | None:
     return {"panels": [_panel(ax, legend, arrays) for ax in panels], "legend": legend}
 
 
-MOST_POINTS = 20_000  # of the curves of a picture, whose numbers the page has too
+MOST_POINTS = 60_000  # of the curves of a picture, whose numbers the page has too
 
 
 def curves_data(figure: Figure, arrays: Arrays) -> list[dict[str, Any]]:
     """Return the curves of a figure that is a picture, each with its name and the labels of its axes, for a file of
-    their numbers: those that the legend names, or all where there is none. None of them where there are very many
-    points; arrays go into ``arrays``."""
+    their numbers: those that the legend names, or all where there is none, and the rows of maps, which are lines that
+    are not seen. None of them where there are very many points; arrays go into ``arrays``."""
     named = {
         _look(_entry(handle, "")): text
         for box in figure.legends
@@ -122,12 +122,14 @@ def curves_data(figure: Figure, arrays: Arrays) -> list[dict[str, Any]]:
         # of panels above one another the lowest is labelled; what is seen in perspective has no axes
         below = (one.get_xlabel() for one in figure.axes if one.get_xlim() == ax.get_xlim())
         across, label = ax.get_xlabel() or next(filter(None, below), ""), ax.get_ylabel()
+        label = label or (ax.get_title(loc="left") if ax.images else "")
         for line in ax.lines if across and label else ():
             own = line.get_transform().contains_branch_seperately(ax.transData) == (True, True)
             name = named.get(_look(_style(line)), "" if named else f"curve {len(found) + 1}")
+            name = name if line.get_visible() else str(line.get_label())
             x, y = (np.asarray(part, dtype=float) for part in line.get_data(orig=False))
             if own and name and len(x) > 2:
-                title = " ".join(ax.get_title(loc="left").split())
+                title = " ".join(ax.get_title(loc="left").split()) if line.get_visible() else ""
                 found.append((f"{title}: {name}" if title else name, across, label, x, y))
     if sum(len(x) for *_, x, _ in found) > MOST_POINTS:
         return []

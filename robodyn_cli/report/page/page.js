@@ -54,6 +54,7 @@ function start() {
       else if (figure.closest("details.drawing")) whenOpened(figure.parentNode, () => new Player(figure, drawingOf(data, arrays)));
       else cursor = new Cursor(new Player(figure, drawingOf(data, arrays)));
     }
+    for (const svg of section.querySelectorAll("figure > .wide > svg.picture")) new Enlarged(svg.closest("figure"), svg.parentNode);
     cursors.set(section, cursor);
   }
   if (live) startLive(live, cursors);

@@ -275,6 +275,7 @@ SCRIPTS = (
     "charts.js",
     "pointing.js",
     "saved.js",
+    "enlarged.js",
 )
 RUNNING = ("rules.js", "runner.js", "given.js", "sweep.js", "live.js")  # where scenes run in the page
 BESIDE = ("several.js",)  # where there are several results

@@ -81,12 +81,16 @@ async function savePicture({ svg, width, height }, name) {
   canvas.toBlob((blob) => save(blob, name), "image/png");
 }
 
-/* The curves of a picture as a table: two columns for each, what it is over and what it is. */
+/* The curves of a picture as a table: two columns for each, what it is over and what it is; those that share what they
+   are over share its column. */
 function tableOfCurves(curves) {
-  const heads = curves.flatMap(({ name, across, label }) => [`${name}: ${across}`, `${name}: ${label}`]);
-  const rows = Array.from({ length: Math.max(...curves.map(({ x }) => x.length)) }, (_, k) => (
-    curves.flatMap(({ x, y }) => (k < x.length ? [digitsOf(x, k), digitsOf(y, k)] : ["", ""])).join(",")));
-  return [heads.map(cell).join(","), ...rows, ""].join("\r\n");
+  const [{ x: first, across: over }] = curves, shared = curves.length > 1 && curves.every(({ x, across }) => x === first && across === over);
+  const columns = curves.flatMap(({ name, across, label, x, y }) => (
+    shared ? [[`${name}: ${label}`, y]] : [[`${name}: ${across}`, x], [`${name}: ${label}`, y]]));
+  if (shared) columns.unshift([over, first]);
+  const rows = Array.from({ length: Math.max(...columns.map(([, values]) => values.length)) }, (_, k) => (
+    columns.map(([, values]) => (k < values.length ? digitsOf(values, k) : "")).join(",")));
+  return [columns.map(([head]) => cell(head)).join(","), ...rows, ""].join("\r\n");
 }
 
 /* A button with words for those who do not see it. */

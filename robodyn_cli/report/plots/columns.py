@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
@@ -21,6 +22,7 @@ from robodyn_cli.spatial.algebra import Array
 
 INSTANTS = 800  # more of them than pixels add nothing
 ROWS = 400
+NUMBERS = 50_000  # of a map that are kept beside it
 ROW, LOWEST, HIGHEST = 0.17, 1.6, 7.0  # of a row, and of all of them: heights [inch]
 NAMED_ROWS = 48  # more are not named one by one, nor have lines
 LETTERS, LONGEST = 7.0, 30  # of names beside rows: their size [pt], the longest one in characters
@@ -88,6 +90,10 @@ def _map(ax: Axes, time: Array, shown: DrawnCurves, kind: str, names: Sequence[s
     )
     image = scaled[np.ix_(evenly(len(time), INSTANTS), rows)].T
     ax.imshow(image, aspect="auto", extent=extent, interpolation="nearest", vmax=1.3, **look)
+    # the numbers behind the colours, for files of them
+    at = evenly(len(time), min(INSTANTS, max(1, NUMBERS // len(rows))))
+    for k in rows:
+        ax.add_artist(Line2D(time[at], shown.data[at, k], label=shown.names[k], visible=False))
     ax.grid(False)
     few = count <= NAMED_ROWS
     marks = range(1, count + 1) if few else sorted({round(1 + k * (count - 1) / 8) for k in range(9)})
