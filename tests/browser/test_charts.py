@@ -230,9 +230,7 @@ def test_the_rows_of_a_map_are_saved(tmp_path: Path, opened: Opener) -> None:
     """Colours tell little; the file has each row's numbers, not those that were scaled for the colours."""
     result = chain_result(30)
     page = page_of(opened, result, tmp_path)
-    plot = page.locator("figure.plot").filter(
-        has=page.get_by_role("heading", name="Joint rates", exact=True)
-    )
+    plot = page.locator("figure.plot").filter(has=page.get_by_role("heading", name="Joint rates", exact=True))
     heads, rows = table(saved(page, plot, "CSV"))
     assert heads[0] == "time [s]" and len(heads) == 31 and heads[3] == "joint3: joint rate [rad/s]"
     at = [int(np.argmin(np.abs(result.time - t))) for t in rows[:, 0]]
@@ -256,7 +254,9 @@ def test_a_part_of_a_picture_is_enlarged(planar: tuple[Result, Path], opened: Op
     page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.6 * box["height"])
     page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 0.75 * box["height"])
     page.mouse.up()
-    assert seen() == pytest.approx([0.25 * whole[2], 0.25 * whole[3], 0.5 * whole[2], 0.5 * whole[3]], rel=0.02)
+    assert seen() == pytest.approx(
+        [0.25 * whole[2], 0.25 * whole[3], 0.5 * whole[2], 0.5 * whole[3]], rel=0.02
+    )
     assert picture.bounding_box() == box and back.is_visible() and plot.locator(".chosen").count() == 0
     frame = plot.locator(".wide")
     frame.press("+")
