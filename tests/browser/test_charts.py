@@ -258,6 +258,23 @@ def test_a_part_of_a_picture_is_enlarged(planar: tuple[Result, Path], opened: Op
         [0.25 * whole[2], 0.25 * whole[3], 0.5 * whole[2], 0.5 * whole[3]], rel=0.02
     )
     assert picture.bounding_box() == box and back.is_visible() and plot.locator(".chosen").count() == 0
+    # numbers at its rim stand where those of the whole do
+    pairs = picture.evaluate(
+        """svg => [...svg.querySelectorAll(".marks text[text-anchor=middle]")].flatMap((mark) => {
+          const value = (text) => Number(text.textContent.trim().replace("−", "-"));
+          const centre = (text) => text.getBBox().x + text.getBBox().width / 2;
+          const same = [...svg.querySelectorAll("text")].filter((text) => !text.closest(".marks") && value(text) === value(mark));
+          const at = (text) => { const p = text.getCTM(), own = svg.getCTM(); return own.inverse().multiply(p); };
+          return same.map((text) => {
+            const box = text.getBBox(), place = new DOMPoint(box.x + box.width / 2, box.y).matrixTransform(at(text));
+            return [place.x, centre(mark), place.y];
+          });
+        })"""
+    )
+    lowest = max(y for *_, y in pairs)
+    own = [(x, mark) for x, mark, y in pairs if y > lowest - 1.0]
+    assert len(own) >= 2 and all(abs(x - mark) < 1.0 for x, mark in own), pairs
+    assert {"x [m]", "y [m]"} <= set(plot.locator(".marks text").all_text_contents())
     frame = plot.locator(".wide")
     frame.press("+")
     frame.press("ArrowRight")

@@ -1,4 +1,5 @@
-/* Pictures: a part of one, chosen by a drag or by keys, is seen enlarged; lines keep their width. */
+/* Pictures: a part of one, chosen by a drag or by keys, is seen enlarged; lines keep their width, and the axes that its
+   middle is in are numbered at its rim. */
 
 const DEEPEST = 200; // times the whole
 const HOW = "Drag: enlarge a part. Plus and minus: zoom. Arrow keys: move. 0: all of it.";
@@ -7,7 +8,7 @@ class Enlarged {
   /* box : the element of the page around a picture. figure : its own, whose row of tools gets the way back. */
   constructor(figure, box) {
     const svg = box.querySelector("svg.picture"), back = toolOf("all of it", "See all of the picture", () => this.look(this.whole));
-    Object.assign(this, { svg, back, whole: svg.getAttribute("viewBox").split(" ").map(Number) });
+    Object.assign(this, { svg, back, whole: svg.getAttribute("viewBox").split(" ").map(Number), scales: JSON.parse(box.dataset.scales || "[]") });
     this.part = this.whole;
     let row = figure.querySelector(":scope > .tools");
     if (!row) {
@@ -33,6 +34,33 @@ class Enlarged {
     this.svg.setAttribute("viewBox", this.part.map((value) => Number(value.toPrecision(7))).join(" "));
     this.svg.classList.toggle("zoomed", scale < 1);
     this.back.hidden = scale === 1;
+    this.marks?.remove();
+    if (scale < 1) this.number(scale);
+  }
+  /* Write the numbers of axes at the rim of what is seen of them; scale : of the part over the whole. */
+  number(scale) {
+    const [x, y, w, h] = this.part, middle = [x + w / 2, y + h / 2];
+    const found = this.scales.find(([[left, top, right, bottom]]) => middle[0] >= left && middle[0] <= right && middle[1] >= top && middle[1] <= bottom);
+    this.marks = made("g", { class: "marks", "font-size": 10 * scale, "stroke-width": 3 }, this.svg);
+    if (!found) return;
+    const [[left, top, right, bottom], across, upright] = found, inset = 4 * scale;
+    const seen = { left: Math.max(left, x), right: Math.min(right, x + w), top: Math.max(top, y), bottom: Math.min(bottom, y + h) };
+    const write = (word, px, py, anchor) => { made("text", { x: px, y: py, "text-anchor": anchor }, this.marks).textContent = word; };
+    const axis = ([label, first, last, log], from, to, low, high, put) => {
+      const into = log ? Math.log10 : Number, back = log ? (v) => 10 ** v : Number, [a, b] = [into(first), into(last)];
+      const value = (place) => back(a + (place - from) / (to - from) * (b - a)), ends = [value(low), value(high)].sort((one, other) => one - other);
+      const own = scaled(label, ...ends, log), plain = ends[1] / ends[0] < 10; // no two powers of ten
+      for (const [tick, word] of ruled(...ends, log && !plain, 5, own.factor)) put(word, from + (into(tick) - a) / (b - a) * (to - from));
+      return own.label;
+    };
+    if (across) {
+      const label = axis(across, left, right, seen.left, seen.right, (word, px) => write(word, px, seen.bottom - inset, "middle"));
+      write(label, seen.right - inset, seen.bottom - 18 * scale, "end");
+    }
+    if (upright) {
+      const label = axis(upright, bottom, top, seen.bottom, seen.top, (word, py) => write(word, seen.left + inset, py + 3 * scale, "start"));
+      write(label, seen.left + inset, seen.top + 12 * scale, "start");
+    }
   }
 
   // -- hands ------------------------------------------------------------------------------------------------------

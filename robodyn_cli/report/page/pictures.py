@@ -4,14 +4,19 @@ needs a style that the page's policy forbids."""
 from __future__ import annotations
 
 import base64
+import json
+import math
 import re
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from itertools import groupby
+from typing import Any
 from xml.etree import ElementTree
 
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedFormatter, FuncFormatter
 from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
@@ -38,6 +43,7 @@ FONTS = ("font", "font-family", "font-size", "font-weight", "font-style")
 PLACES = ("d", "transform", "x", "y", "width", "height", "points", "stroke-dasharray", "stroke-width")
 NOTHING = {"stroke-dashoffset": "0"}
 FEW = 3  # elements with the same look are worth a group
+POINTS = 72.0  # of an inch
 PIXELS = 96.0 / 72.0  # of a printer's point
 _NUMBER = re.compile(r"-?\d+\.\d+")
 _REFERENCE = re.compile(r"#([\w-]+)")
@@ -60,11 +66,40 @@ class _Node:
 def picture(figure: Figure, label: str, place: int) -> Html:
     """Return a figure below its heading as an element of the page, in pixels where it has too many marks for SVG."""
     part = below_heading(figure)
+    numbered = [(ax, _scale(ax, "x"), _scale(ax, "y")) for ax in figure.axes]  # before numbers get prefixes
     drawn = _inline(figure, part, label, place)
     if len(drawn) <= LARGEST_SVG:
-        return element("div", drawn, class_="wide", tabindex="0", role="group", aria_label=label)
+        top = figure.get_size_inches()[1] if part is None else part.y1
+        scales = [[_corners(ax, top), x, y] for ax, x, y in numbered if x or y]
+        look = {"class_": "wide", "tabindex": "0", "role": "group", "aria_label": label}
+        return element("div", drawn, data_scales=json.dumps(scales) if scales else None, **look)
     data = base64.b64encode(_printed(figure, ".png", part)).decode()
     return element("img", src=f"data:image/png;base64,{data}", alt=label)
+
+
+def _scale(ax: Axes, name: str) -> list[Any] | None:
+    """Return the label, the ends, and whether it is logarithmic, of an axis with plain numbers; None of any other."""
+    axis, kind = ax.xaxis if name == "x" else ax.yaxis, ax.get_xscale() if name == "x" else ax.get_yscale()
+    low, high = (float(end) for end in axis.get_view_interval())
+    plain = kind in ("linear", "log") and not isinstance(
+        axis.get_major_formatter(), FixedFormatter | FuncFormatter
+    )
+    if not (
+        plain
+        and axis.get_visible()
+        and len(axis.get_ticklocs())
+        and math.isfinite(high - low)
+        and high != low
+    ):
+        return None
+    return [axis.get_label_text(), low, high, kind == "log"]
+
+
+def _corners(ax: Axes, top: float) -> list[float]:
+    """Return left, top, right and bottom of axes in a picture that was drawn, whose upper rim is at a height [in]."""
+    box, (width, height) = ax.get_position(), ax.figure.get_size_inches()  # type: ignore[union-attr]
+    places = (box.x0 * width, top - box.y1 * height, box.x1 * width, top - box.y0 * height)
+    return [round(POINTS * place, 1) for place in places]
 
 
 def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
