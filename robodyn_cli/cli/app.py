@@ -15,6 +15,7 @@ import typer.main
 from typer.core import TyperCommand, TyperGroup
 
 from robodyn_cli.cli.console import Console, guarded, output_lost
+from robodyn_cli.cli.offers import words_whole
 from robodyn_cli.cli.options import with_shared
 from robodyn_cli.commands import COMMANDS, JOBS
 from robodyn_cli.errors import WRONG_USAGE, RobodynError, did_you_mean, nearest_word
@@ -134,7 +135,8 @@ def run(words: list[str]) -> int:
     """Run the command that the words call; return its exit code."""
     group = typer.main.get_command(app)
     if COMPLETION in os.environ:
-        return int(group.main(words, PROGRAM, COMPLETION, standalone_mode=False) or 0)
+        with words_whole():
+            return int(group.main(words, PROGRAM, COMPLETION, standalone_mode=False) or 0)
     return _outcome(group, words)
 
 

@@ -5,14 +5,19 @@ Nothing heavy is loaded, and nothing is said of what is wrong: that is told when
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
-from collections.abc import Callable, Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import typer
 
 Offer = Callable[[str], list[str]]
 
+# what a key of a study or a search may vary over
+VARIED = ("[", "linspace(", "logspace(", "uniform(", "triangular(", "normal(")
 # by the shells' scripts: the line as it stands
 LINES = ("COMP_WORDS", "_TYPER_COMPLETE_ARGS")
 
@@ -63,11 +68,47 @@ def scene_on_line() -> str | None:
 
 
 def keys(incomplete: str) -> list[str]:
-    """Return the keys of the scene on the line, each with its ``=``."""
+    """Return the keys of the scene on the line, each with its ``=``; behind it the words that the key may be."""
+    from robodyn_cli.scene.text.offered import offered_values
+
+    return _with_values(incomplete, offered_values)
+
+
+def varied_keys(incomplete: str) -> list[str]:
+    """Return the keys of the scene on the line, each with its ``=``; behind it what a key may vary over."""
+    return _with_values(incomplete, lambda scene, key: VARIED)
+
+
+def _with_values(incomplete: str, values: Callable[[str, str], Iterable[str]]) -> list[str]:
     from robodyn_cli.scene.text.offered import offered_keys
 
     scene = scene_on_line()
-    return [] if scene is None else offered_keys(scene, incomplete)
+    key, sign, begun = incomplete.partition("=")
+    if scene is None:
+        return []
+    if not sign:
+        return offered_keys(scene, incomplete)
+    return [f"{key}={word}" for word in values(scene, key) if word.startswith(begun)]
+
+
+@contextlib.contextmanager
+def words_whole() -> Iterator[None]:
+    """Let the parser see the word that is typed whole, where bash has cut it at ``=``; of what is offered for such a
+    word bash takes what stands behind the sign."""
+    words = os.environ.get("COMP_WORDS", "").split(" ")
+    sign = next((k for k in (len(words) - 1, len(words) - 2) if k > 1 and words[k] == "="), None)
+    if sign is None or os.environ.get("COMP_CWORD") != str(len(words) - 1):
+        yield
+        return
+    whole = [*words[: sign - 1], "".join(words[sign - 1 :])]
+    os.environ.update({"COMP_WORDS": " ".join(whole), "COMP_CWORD": str(len(whole) - 1)})
+    offered = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(offered):
+            yield
+    finally:
+        before = f"{words[sign - 1]}="
+        sys.stdout.write("".join(line.removeprefix(before) for line in offered.getvalue().splitlines(True)))
 
 
 def bare_keys(incomplete: str) -> list[str]:

@@ -58,21 +58,43 @@ def asked(line: str, shell: str) -> dict[str, str]:
     return {"_ROBODYN_COMPLETE": f"complete_{shell}", **words[shell]}
 
 
-def offered(lines: list[str], shell: str) -> list[str]:
-    """Return what a shell is told of the last word of each line."""
+def offered(lines: list[str], shell: str, light: bool = True) -> list[str]:
+    """Return what a shell is told of the last word of each line; light : nothing heavy may be loaded for it."""
     told = json.dumps([asked(f"robodyn {line}", shell) for line in lines])
     done = subprocess.run(
         [sys.executable, "-c", CODE, told], cwd=ROOT, env=environment(), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     loaded = set(done.stderr.split())
-    assert "typer" in loaded and not HEAVY & loaded
+    assert "typer" in loaded and not (light and HEAVY & loaded)
     return [text.strip() for text in done.stdout.split("next:\n")[1:]]
 
 
 def test_the_shell_is_offered() -> None:
     found = offered([*OFFERED], "bash")
     assert {line: " ".join(text.split()) for line, text in zip(OFFERED, found)} == OFFERED
+
+
+VALUES = {
+    "simulate configs/double_pendulum.yaml --set simulate.integrator=gauss1": "gauss10 gauss12 gauss14",
+    "simulate configs/double_pendulum.yaml --set simulate.error_estimate=": "true false",
+    f"inverse {ARM} --set trajectory.type=ci": "circle",
+    "simulate configs/four_bar_deploy.yaml --set kinematics.sweep.joint=ph": "phi2 phi1",
+    f"size {ARM} --set drives.theta1.brake=brake3": "brake36",
+    f"sweep {ARM} --vary robot.links.link2.mass=lin": "linspace(",
+    "simulate configs/double_pendulum.yaml --set simulate.duration=": "",
+    "simulate configs/double_pendulum.yaml --set simulate.nothing=a": "",
+}
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_the_words_that_a_key_may_be_are_offered_behind_it(cut: bool) -> None:
+    """Bash may cut at the sign, and then takes what stands behind it."""
+    lines = [line.replace("=", " = ").rstrip() if cut else line for line in VALUES]
+    found = offered(lines, "bash", light=False)
+    for (line, words), told in zip(VALUES.items(), found):
+        before = "" if cut else f"{line.split(' ')[-1].partition('=')[0]}="
+        assert told.split() == [before + word for word in words.split()], line
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish", "pwsh"])

@@ -48,7 +48,7 @@ def command(
     scene: SceneFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=offers.keys,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=offers.varied_keys,
                      help="Key of the scene and its bounds, 'uniform(low, high)', or its choices, '[a, b]'."),
     ] = None,
     minimise: Annotated[

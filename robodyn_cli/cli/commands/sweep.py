@@ -46,7 +46,7 @@ def command(
     scene: SceneFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=offers.keys,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8, autocompletion=offers.varied_keys,
                      help="Key of the scene and what it varies over, e.g. robot.links.link1.mass='normal(13, 5 %)'."),
     ] = None,
     n: Annotated[

@@ -1,13 +1,15 @@
-"""What a shell offers of a scene to complete a word: keys, names, the command. No schema is loaded, no number read.
+"""What a shell offers of a scene to complete a word: keys, names, the command; the schema is loaded for values alone.
 
 Nothing where the file cannot be read: what is wrong with it is told when the command runs.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Iterator
+from typing import Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import RobodynError
@@ -52,6 +54,61 @@ def _keys_below(scene: str, path: str, numbers: bool) -> Iterator[str]:
             yield f"{before}{name}."
         elif not numbers or (isinstance(node, nodes.Scalar) and re.search(r"\d", node.text)):
             yield f"{before}{name}="
+
+
+# where the names stand that a key may hold, by what it names
+HELD = {
+    "joint": "robot.joints",
+    "link": "robot.links",
+    "motor": "catalogue.motors",
+    "gear": "catalogue.gears",
+    "brake": "catalogue.brakes",
+}
+
+
+def offered_values(scene: str, key: str) -> list[str]:
+    """Return the words that a key of a scene may be, which are choices, kinds, true or false, or names; the schema is
+    loaded for it."""
+    from robodyn_cli.scene.text.includes import concrete
+    from robodyn_cli.scene.text.numbers import below
+    from robodyn_cli.scene.types import Scene
+    from robodyn_cli.schema import fields
+
+    kind: fields.Kind | None = fields.Section(Scene)
+    node: nodes.Node | None = None
+    with contextlib.suppress(RobodynError, OSError):
+        node = _read(scene)
+        for step in key.split("."):
+            while isinstance(kind, fields.OrFile):
+                kind = kind.item
+            if isinstance(kind, fields.Tagged) and step == kind.tag:
+                return list(kind.registry())
+            if kind is not None and node is not None:
+                kind = concrete(kind, node)
+            kind, node = below(kind, step), _whole(dict(_children(node)).get(step))
+        return list(_words_of(scene, kind))
+    return []
+
+
+def _words_of(scene: str, kind: Any) -> Iterator[str]:
+    from robodyn_cli.schema import fields
+
+    if isinstance(kind, fields.Either):
+        for one in kind.kinds:
+            yield from _words_of(scene, one)
+    elif isinstance(kind, fields.Choice):
+        yield from kind.options
+    elif isinstance(kind, fields.Boolean):
+        yield from ("true", "false")
+    elif isinstance(kind, fields.Name) and kind.of in HELD:
+        place = HELD[kind.of]
+        section, _, part = place.partition(".")
+        if section == "catalogue" and not names_below(scene, section):
+            from robodyn_cli.scene.text.catalogue import EXAMPLE
+
+            yield from names_below(str(EXAMPLE), part)
+        else:
+            yield from names_below(scene, place)
 
 
 def names_below(scene: str, path: str) -> list[str]:
