@@ -8,7 +8,6 @@ numbers again, but they are never taken for structure: not for a one, and not fo
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
@@ -373,18 +372,22 @@ def _like_terms(op: str, a: Expr, b: Expr) -> tuple[float, Expr] | None:
 
 
 def reachable(outputs: Iterable[Scalar]) -> list[Expr]:
-    """Return the nodes that the outputs need, arguments before results."""
-    stack = [e for e in outputs if isinstance(e, Expr)]
-    seen = bytearray(1 + max([e.index for e in stack], default=0))
+    """Return the nodes that the outputs, of one graph, need: arguments before results."""
+    asked = [e for e in outputs if isinstance(e, Expr)]
+    if not asked:
+        return []
+    every, k = asked[0].graph.nodes, max([e.index for e in asked])
+    needed = bytearray(k + 1)
+    for e in asked:
+        needed[e.index] = 1
     nodes: list[Expr] = []
-    while stack:
-        node = stack.pop()
-        if not seen[node.index]:
-            seen[node.index] = 1
-            nodes.append(node)
-            stack += node.args
-    nodes.sort(key=operator.attrgetter("index"))
-    return nodes
+    # arguments have lower indices than what is computed from them: from the last one down all is found in one pass
+    while k >= 0:
+        nodes.append(every[k])
+        for argument in every[k].args:
+            needed[argument.index] = 1
+        k = needed.rfind(1, 0, k)
+    return nodes[::-1]
 
 
 def free_symbols(outputs: Iterable[Scalar]) -> list[Expr]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from robodyn_cli import load_scene_text
 from robodyn_cli.algorithms import constraints as of_constraints
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr import fixed
+from robodyn_cli.expr.graph import Expr, Graph, reachable
 from robodyn_cli.formulations.index1 import projection
 
 
@@ -78,3 +80,26 @@ def test_what_is_computed_alike_is_one_number_while_it_is_in_use() -> None:
     assert b * a is product and (a * -b).args == (product,)
     del product
     assert float(a * b) == 3.75 and set((a * b).args) == {a, b}
+
+
+def test_what_outputs_need_is_found_in_one_pass() -> None:
+    """A node with many users is looked at once, and what nobody needs not at all."""
+    graph, looked = Graph(), []
+
+    class Arguments(tuple[Expr, ...]):
+        def __iter__(self) -> Iterator[Expr]:
+            looked.append(self)
+            return super().__iter__()
+
+    x: Any = graph.symbol("x", "q")
+    layer = [x * x, x + 1.0, x - 3.0]
+    unused = layer[0] / layer[2]
+    for _ in range(6):
+        layer = [a * b + b for a, b in zip(layer, [*layer[1:], layer[0]])]
+    needed = reachable(layer)
+    assert unused not in needed and [e.index for e in needed] == sorted({e.index for e in needed})
+    assert set(needed) == {*layer, *(a for e in needed for a in e.args)}
+    for node in graph.nodes:
+        node.args = Arguments(node.args)
+    assert reachable(layer) == needed and len(looked) == len(needed)
+    assert reachable([1.0]) == []
