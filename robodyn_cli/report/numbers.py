@@ -99,7 +99,7 @@ PRODUCT = re.compile(r"(?<=\bN) (?=[ms]\b)|(?<=\bm) (?=s\b)")  # a space that st
 
 
 def typeset(text: str) -> str:
-    """Return words as printed: numbers with true minus signs and powers of ten, products and powers of units."""
+    """Return words as printed: numbers with true signs and powers of ten, products and powers of units."""
 
     if text == "-":
         return "–"
@@ -109,7 +109,8 @@ def typeset(text: str) -> str:
         raised = f"·{power(int(exponent))}" if exponent else ""
         return f"{'−' if sign else ''}{mantissa}{raised}"
 
-    return PRODUCT.sub("·", NUMBER.sub(one, text.replace("^2", "²").replace("^3", "³")))
+    signs = text.replace("^2", "²").replace("^3", "³").replace(" +- ", " ± ")
+    return PRODUCT.sub("·", NUMBER.sub(one, signs))
 
 
 def stated_words(one: Stated, result: Result) -> str:

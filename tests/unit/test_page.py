@@ -350,6 +350,7 @@ def test_a_number_with_its_error_covers_the_number() -> None:
         assert off <= 2.6 * max(error, 2e-15 * abs(value)), "no more than its first digit is rounded"
     assert within(-4.0e-14, 9e-12) == "0 ± 1·10⁻¹¹"
     assert within(9.1455, 17.4) == "10 ± 20" and within([1.25, -2.5], 0.001) == "1.250, −2.500 ± 0.001"
+    assert typeset("at t = 0.7783 +- 7.6e-15 s") == "at t = 0.7783 ± 7.6·10⁻¹⁵ s"
     assert typeset("2.626 ± 7e-12 N m") == "2.626 ± 7·10⁻¹² N·m" and typeset("-0.5 at q-1") == "−0.5 at q-1"
 
 
