@@ -146,7 +146,7 @@ Fixed.__bool__ = _is_true  # type: ignore[method-assign,assignment]
 
 # those that are in use, by what they are computed from, and some that are not any more
 _known: dict[Any, ref[Fixed]] = {}
-_most = [4096]  # so many of both, then the others go: there may be as many as are in use
+_most = [4096]  # so many of both, then the others go: there may be a quarter of those in use
 _making = threading.RLock()  # a finalizer that runs meanwhile may make a number too
 
 
@@ -250,7 +250,7 @@ def _made(op: str, args: tuple[Any, ...], value: float) -> Fixed:
             for old, number in _known.copy().items():
                 if number() is None:
                     del _known[old]
-            _most[0] = max(2 * len(_known), _most[0])
+            _most[0] = max(5 * len(_known) // 4, _most[0])
     return found
 
 
