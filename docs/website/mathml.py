@@ -9,26 +9,14 @@ from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
-SPACE = (r"\quad", r"\qquad")
-TOKEN = re.compile(r"\\q?quad\b|\\(?:begin|left|end|right)\b|\\.|[{}]")
-DEEPER, HIGHER = ("{", r"\begin", r"\left"), ("}", r"\end", r"\right")
+from website.text import side_by_side
+
 FUNCTION = re.compile(r"(?<=[\w}])\s*(\\(?:sin|cos|tan|exp|ln|log)\b)")
 
 
 def mathml(text: str, display: str) -> str:
     """Return a formula; a thin space parts the name of a function from a factor before it."""
     return str(convert(FUNCTION.sub(r"\\,\1", text), display=display))
-
-
-def side_by_side(text: str) -> list[str]:
-    """Return the formulas that wide spaces part, which stand below one another where there is no room."""
-    parts, begin, depth = [], 0, 0
-    for token in TOKEN.finditer(text):
-        depth += (token[0] in DEEPER) - (token[0] in HIGHER)
-        if token[0] in SPACE and not depth:
-            parts.append(text[begin : token.start()])
-            begin = token.end()
-    return [part for part in (*parts, text[begin:]) if part.strip()]
 
 
 def inline(writer: Any, node: Any) -> None:

@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterator
 FENCE = re.compile(r"(^```.*?^```[ \t]*$|<!--.*?-->)", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 HEADING = re.compile(r"^(#+) (.+)$")
+SPACE = (r"\quad", r"\qquad")
+TOKEN = re.compile(r"\\q?quad\b|\\(?:begin|left|end|right)\b|\\.|[{}]")
+DEEPER, HIGHER = ("{", r"\begin", r"\left"), ("}", r"\end", r"\right")
 
 
 def slug(heading: str) -> str:
@@ -64,3 +67,14 @@ def without_comments(text: str) -> str:
 def without_contents(text: str) -> str:
     """Return a text without the paragraph that lists its sections, which the site does itself."""
     return re.sub(r"^Contents: .*?\n\n", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def side_by_side(text: str) -> list[str]:
+    """Return the formulas that wide spaces part, which stand below one another where there is no room."""
+    parts, begin, depth = [], 0, 0
+    for token in TOKEN.finditer(text):
+        depth += (token[0] in DEEPER) - (token[0] in HIGHER)
+        if token[0] in SPACE and not depth:
+            parts.append(text[begin : token.start()])
+            begin = token.end()
+    return [part for part in (*parts, text[begin:]) if part.strip()]

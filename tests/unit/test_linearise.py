@@ -405,7 +405,7 @@ def test_a_pole_is_as_uncertain_as_it_says() -> None:
         (
             ["command=statics", "expect=null"],
             {"about": "motion"},
-            "the scene's command is 'statics'; allowed: simulate, inverse",
+            "the command is 'statics'; allowed: simulate, inverse, or none",
         ),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
-from robodyn_cli.cli.commands.deploy import describe
+from robodyn_cli.cli.figure_words import figure_lines
 from robodyn_cli.errors import SceneError
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.report.registry import applicable
@@ -154,9 +154,8 @@ def test_drives_of_a_deployment_have_figures_that_depend_on_no_samples(after: st
     one, two = (run.summary["drives"]["a"] for run in runs)
     assert runs[0].summary["lock"] is not None and runs[0].status == runs[1].status == "locked"
     assert "drives" in applicable(runs[0]) and leaf_of("deploy", "drives.a.joint.peak_torque") is not None
-    assert any(
-        line.lstrip().startswith("a ") and " m1 " in line for line in describe(runs[0].summary).splitlines()
-    )
+    printed = "\n".join(figure_lines(runs[0], verbose=False)).splitlines()
+    assert any(line.lstrip().startswith("a ") and " m1 " in line for line in printed), printed
     for name in ("peak_torque", "rms_torque", "peak_speed"):
         error = one["joint"]["errors"][name]
         assert one["joint"][name] == pytest.approx(two["joint"][name], rel=1e-9, abs=2.0 * error), name

@@ -16,10 +16,9 @@ from website.contents import listed
 from website.examples import WITHOUT, all_examples
 from website.gallery import CARDS, index, names, whole
 from website.indexes import messages
-from website.mathml import side_by_side
 from website.pages import DOCS, ROOT, Links, Site, sources
 from website.runs import Shot, done, drawing, examples, scenes
-from website.text import headings, sections, slug
+from website.text import headings, sections, side_by_side, slug
 
 import robodyn
 from robodyn_cli import load_scene
