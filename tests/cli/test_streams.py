@@ -190,7 +190,8 @@ def test_no_progress_when_quiet(scene: Path, tmp_path: Path) -> None:
 
 def test_no_progress_in_a_file(scene: Path, tmp_path: Path) -> None:
     done = run("simulate", scene, "--set", "simulate.duration=1e5", "--no-plots", "--out", tmp_path)
-    assert done.code == 0 and done.err == ""
+    # after 10 s, on a busy machine, a line of words says how far the run is
+    assert done.code == 0 and "\r" not in done.err and "#" not in done.err
 
 
 # -- signals -----------------------------------------------------------------------------------------------
