@@ -226,6 +226,7 @@ COMMANDS: dict[str, Command] = {
         run="works.assemble:assemble",
         check="over.checks:assemble",
         summary=("assemble:AssembleSummary",),
+        headlines=("configuration.JOINT",),
         plots=STILL,
     ),
     "reach": Command(

@@ -36,7 +36,7 @@ class Mobility:
 class ClosedBranch:
     """One way in which the loops close."""
 
-    configuration: dict[str, float] = fact("joint positions", OWN)
+    configuration: dict[str, float] = fact("joint positions", OWN, errors=(".errors.JOINT",))
     determinant: float | None = fact(
         "of the block of Psi of the coordinates that were solved; its unit follows the rows and these coordinates"
     )
@@ -44,6 +44,7 @@ class ClosedBranch:
     singular_ratio: float = fact("smallest over largest singular value of that block")
     residual: float = fact("largest residual of the loops", "m or rad", errors=None)
     chosen: bool = fact("whether it is the configuration of the result")
+    errors: dict[str, float] = fact("of the joint positions", OWN)
 
 
 @record
@@ -78,21 +79,42 @@ class UndrivenFreedoms:
 
 
 @record
+class AssembleErrors:
+    """How far the closed state may be off: what residuals and rounding make of it."""
+
+    configuration: dict[str, float] = fact("of the joint positions", OWN)
+    rates: dict[str, float] = fact("of the rates", RATE)
+    accelerations: dict[str, float] = fact("of the accelerations", ACCELERATION)
+
+
+@record
 class AssembleSummary:
     """The summary of an assembly."""
 
     termination: Termination = fact("how the run ended")
     samples: int = fact("number of samples: 1")
-    configuration: dict[str, float] = fact("joint positions with the loops closed", OWN, column="position")
+    configuration: dict[str, float] = fact(
+        "joint positions with the loops closed",
+        OWN,
+        errors=("error_estimate.configuration.JOINT",),
+        column="position",
+    )
     units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
-    rates: dict[str, float] = fact("their rates; those that are not given are of least norm", RATE)
-    accelerations: dict[str, float] = fact("of least norm", ACCELERATION)
+    rates: dict[str, float] = fact(
+        "their rates; those that are not given are of least norm",
+        RATE,
+        errors=("error_estimate.rates.JOINT",),
+    )
+    accelerations: dict[str, float] = fact(
+        "of least norm", ACCELERATION, errors=("error_estimate.accelerations.JOINT",)
+    )
     held: list[str] = fact("joints that stayed")
     solved: list[str] = fact("joints that closed the loops")
     residual: LoopResidual = fact("what the loops lack", errors=None)
     residual_by_loop: dict[str, float] = fact(
         "largest residual of positions", "m or rad", names=LOOP, errors=None
     )
+    error_estimate: AssembleErrors = fact("estimated errors")
     tolerance: float = fact(
         "residual up to which the loops count as closed: larger where redundant rows contradict each other by rounding",
         "rad or sizes of the mechanism", errors=None,

@@ -27,10 +27,12 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import assemble as close_loops
 from robodyn_cli.solve.closing.descent import Aligned, descend
 from robodyn_cli.solve.closing.nearest import ClosedPose
+from robodyn_cli.solve.closing.rates import RatesByLoops
 from robodyn_cli.solve.closing.search import halton, search
 from robodyn_cli.solve.closure import RANK, SLOW, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import (
+    AssembleErrors,
     AssembleSummary,
     BranchSearch,
     ClosedBranch,
@@ -40,6 +42,7 @@ from robodyn_cli.summaries.assemble import (
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.works.closed_errors import ErrorsOfClosing
 
 COUPLED = 1e-9  # entries of a projector that are no rounding
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
@@ -96,10 +99,16 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
     starts = chain([q], _starts(problem, conditions, q, free, held))
     closures = search(close, starts, signature, closed_as_meant)
     first, *others = closures.found
-    configurations = [first, *(np.where(angles, (x + np.pi) % (2 * np.pi) - np.pi, x) for x in others)]
-    described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
+    configurations = [first, *(_within_a_turn(x, angles) for x in others)]
+    errors = ErrorsOfClosing(conditions)
+    described = [_describe(problem, errors, x, free, k == 0) for k, x in enumerate(configurations)]
     searched = BranchSearch(closures.starts, closures.closed, len(described))
     return Branches(problem, configurations, described, searched)
+
+
+def _within_a_turn(q: Array, angles: Sequence[bool]) -> Array:
+    """Return a configuration whose angles are between half a turn and minus that; those that are stay as they are."""
+    return np.where(angles & (np.abs(q) > np.pi), (q + np.pi) % (2 * np.pi) - np.pi, q)
 
 
 def _attitude(body: Any, q: Array) -> Array:
@@ -147,17 +156,19 @@ def _starts(
 
 
 def _describe(
-    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], chosen: bool
+    problem: Problem, errors: ErrorsOfClosing, q: Array, free: Sequence[int], chosen: bool
 ) -> ClosedBranch:
-    F, J = conditions.at(q, 0.0)
+    F, J = errors.conditions.at(q, 0.0)
     block = J[problem.constraints.of_loops][:, list(free)]
     s = np.linalg.svd(block, compute_uv=False)
     ratio = float(s[-1] / s[0]) if len(s) else 1.0
     determinant = float(np.linalg.det(block)) if block.shape[0] == block.shape[1] else None
     orientation = None if determinant is None else int(np.sign(determinant)) if ratio > SINGULAR else 0
-    configuration = dict(zip(problem.model.q_names, q.tolist()))
+    configuration, off = (
+        dict(zip(problem.model.q_names, x.tolist())) for x in (q, errors.of_positions(q, free))
+    )
     return ClosedBranch(
-        configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen
+        configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen, off
     )
 
 
@@ -166,7 +177,7 @@ class Closed:
     """A closed state: q (nq,), v and v-dot (nv,) of least norm.
 
     F : residuals of positions (m,). J : (m, nv). rates, accelerations : residuals of these levels (m,). redundant :
-    rows that follow from others.
+    rows that follow from others. rule : how v followed, None of loops that bind nothing.
     """
 
     problem: Problem
@@ -180,6 +191,22 @@ class Closed:
     accelerations: Array
     redundant: tuple[str, ...]
     closure: ClosedPose
+    rule: RatesByLoops | None
+
+    @property
+    def cut(self) -> float:
+        """Ratio of singular values below which rank is lost."""
+        return max(RANK, self.closure.cut)
+
+    def errors(self) -> AssembleErrors:
+        """Return the errors of the state, by coordinate."""
+        model, state = self.problem.model, (self.q, self.v, self.a)
+        if self.rule is None:
+            of_state = tuple(np.zeros_like(x) for x in state)
+        else:
+            of_state = ErrorsOfClosing(self.conditions, self.cut).of_state(*state, self.rule)
+        names = (model.q_names, model.v_names, model.v_names)
+        return AssembleErrors(*(dict(zip(own, x.tolist())) for own, x in zip(names, of_state)))
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -253,14 +280,16 @@ def close(problem: Problem) -> Closed:
     closure = state.closure or ClosedPose(state.q)
     a, *_ = np.linalg.lstsq(J, b, rcond=max(RANK, closure.cut))
     residuals = J @ state.v - c, J @ a - b
-    return Closed(problem, conditions, state.q, state.v, a, F, J, *residuals, tuple(state.redundant), closure)
+    return Closed(
+        problem, conditions, state.q, state.v, a, F, J, *residuals, tuple(state.redundant), closure, state.rates
+    )  # fmt: skip
 
 
 def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) -> AssembleSummary:
     """Return the summary of an assembly."""
     problem, nearest = closed.problem, closed.closure.nearest
     model, psi = problem.model, closed.J[problem.constraints.of_loops]
-    tolerance = max(RANK, closed.closure.cut)
+    tolerance = closed.cut
     return AssembleSummary(
         termination=Termination("closed", 0.0),
         samples=1,
@@ -274,6 +303,7 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
             *(float(np.abs(x).max(initial=0.0)) for x in (closed.F, closed.rates, closed.accelerations))
         ),
         residual_by_loop=_by_loop(problem, closed.F),
+        error_estimate=closed.errors(),
         tolerance=closed.closure.tolerance,
         nearest=ABSENT
         if nearest is None

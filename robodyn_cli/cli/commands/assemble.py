@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.figure_words import figure_table
 from robodyn_cli.cli.offers import names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import closure_text, coordinate_table, mobility_lines, number, table
-from robodyn_cli.summaries.facts import ACCELERATION, OWN, RATE
+from robodyn_cli.cli.words import closure_text, mobility_lines, number
+from robodyn_cli.report.cells import Figure, Table
+from robodyn_cli.summaries.facts import ACCELERATION, RATE
 
 ILL_CONDITIONED = 1e6  # condition number of the inertia that is told
 ROUNDING = 1e-9  # tolerance from which on loops do not close exactly
@@ -56,20 +58,42 @@ def command(
     return run_scene(shared.job("assemble", scene, strict, changes), shared.console, describe)
 
 
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def _motion(summary: Mapping[str, Any]) -> str:
+    """Return the table of rates and accelerations, with their errors."""
+    rows: list[list[str | Figure]] = []
+    for name, rate in summary["rates"].items():
+        off, unit = summary["error_estimate"], summary["units"][name]
+        moving = Figure(rate, off["rates"][name], RATE(unit))
+        changing = Figure(summary["accelerations"][name], off["accelerations"][name], ACCELERATION(unit))
+        rows.append([name, moving, changing])
+    return figure_table(Table(("joint", "rate", "acceleration"), rows))
+
+
+def _branches(summary: Mapping[str, Any]) -> str:
+    """Return the table of the ways in which the loops close."""
+    branches, units = summary["branches"], summary["units"]
+    signed = any(branch["orientation"] is not None for branch in branches)
+    head = ("branch", *branches[0]["configuration"], *(["orientation"] if signed else []), "singular ratio")
+    rows: list[list[str | Figure]] = []
+    for k, branch in enumerate(branches, start=1):
+        sign = {1: "+", -1: "-", 0: "0"}.get(branch["orientation"], "?")
+        q = [Figure(x, branch["errors"][name], units[name]) for name, x in branch["configuration"].items()]
+        chosen = f"{k} (chosen)" if branch["chosen"] else str(k)
+        rows.append([chosen, *q, *([sign] if signed else []), number(branch["singular_ratio"], 3)])
+    return figure_table(Table(head, rows))
+
+
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of an assembly."""
     held = ", ".join(summary["held"]) or "none"
     lines = [
         f"{summary['title']}",
         f"  closed             held: {held}; solved: {', '.join(summary['solved'])}",
-    ]
-    columns = [
-        ("position", summary["configuration"], OWN, 9),
-        ("rate", summary["rates"], RATE, 6),
-        ("acceleration", summary["accelerations"], ACCELERATION, 6),
+        *figures,
     ]
     moves = any(summary["rates"].values())
-    lines.append(coordinate_table(summary["units"], columns if verbose or moves else columns[:1]))
+    if verbose or moves:
+        lines.append(_motion(summary))
     residual = summary["residual"]
     told = residual if verbose or moves else {"position": residual["position"]}
     lines.append("  residual           " + closure_text(told))
@@ -101,15 +125,7 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         )
     branches = summary.get("branches")
     if branches:
-        names = list(branches[0]["configuration"])
-        signed = any(branch["orientation"] is not None for branch in branches)
-        listed = [["branch", *names, *(["orientation"] if signed else []), "singular ratio"]]
-        for k, branch in enumerate(branches, start=1):
-            sign = {1: "+", -1: "-", 0: "0"}.get(branch["orientation"], "?")
-            chosen = f"{k} (chosen)" if branch["chosen"] else str(k)
-            q = [number(x, 8) for x in branch["configuration"].values()]
-            listed.append([chosen, *q, *([sign] if signed else []), number(branch["singular_ratio"], 3)])
-        lines.append(table(listed))
+        lines.append(_branches(summary))
         search = summary["branch_search"]
         lines.append(
             f"  search             {search['found']} branches found from {search['starts']} starts, of which "

@@ -16,11 +16,15 @@ from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.closing.nearest import ClosedPose
+    from robodyn_cli.solve.closing.rates import RatesByLoops
 
 
 @record
 class Assembled:
-    """A closed configuration: q (nq,), v (nv,), the largest residuals, independent rows, and the other rows."""
+    """A closed configuration: q (nq,), v (nv,), the largest residuals, independent rows, and the other rows.
+
+    rates : how v followed, where loops decide.
+    """
 
     q: Array
     v: Array
@@ -29,6 +33,7 @@ class Assembled:
     independent: tuple[int, ...]
     redundant: tuple[str, ...]
     closure: ClosedPose | None = None
+    rates: RatesByLoops | None = None
 
 
 def assemble(
@@ -66,46 +71,25 @@ def assemble(
     numbers = Numbers(equations, parameters)
     from robodyn_cli.solve.closing.nearest import close
     from robodyn_cli.solve.closing.open_loops import Closable
+    from robodyn_cli.solve.closing.rates import RatesByLoops
 
     task = Closable.of(numbers, q, given, hold)
-    held = [k for k in range(model.nv) if k not in task.free]
     closure = close(numbers, q, task)
     q = closure.q
     independent, redundant = independent_rows(numbers, q, closure.rank_tolerance)
-    v, remaining = _close_rates(numbers, closure, v, [rate_place[n] for n in rates], held)
+    given_rates = frozenset(rate_place[name] for name in rates)
+    rule = RatesByLoops(v, given_rates, frozenset(range(model.nv)) - frozenset(task.free), closure.cut)
+    v, residual, closed = rule(numbers.psi(q), numbers.eta_t(q))
+    remaining = float(np.abs(residual).max())
+    if rates and not closed:
+        row = numbers.rows[int(np.abs(residual).argmax())]
+        unit = "m/s" if row.kind in ("force", "m") else "rad/s"
+        raise GeometryError(
+            f"the initial rates contradict the constraints: {row.name} moves at {remaining:.6g} {unit}; "
+            "give fewer of initial.qd",
+            key="initial.qd", row=row.name, residual=remaining,
+        )  # fmt: skip
     return Assembled(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
-        tuple(numbers.rows[i].name for i in redundant), closure,
+        tuple(numbers.rows[i].name for i in redundant), closure, rule,
     )  # fmt: skip
-
-
-def _close_rates(
-    numbers: Numbers, closure: ClosedPose, v: Array, given: list[int], hold: list[int]
-) -> tuple[Array, float]:
-    """Return rates that satisfy Psi v + eta_t = 0, changing as few of the given ones as possible."""
-    psi, eta_t = numbers.psi(closure.q), numbers.eta_t(closure.q)
-    agrees = max(1e-10, closure.cut)
-    scale = max(float(np.abs(psi).max()), 1e-300) * max(float(np.abs(v).max()), 1.0)
-    nv = len(v)
-    for fixed in (set(given) | set(hold), set(hold) if not given else set(given), set()):
-        free = [k for k in range(nv) if k not in fixed]
-        new = v.copy()
-        residual = psi @ new + eta_t
-        for _ in range(3):
-            if not free:
-                break
-            step, *_ = np.linalg.lstsq(psi[:, free], -residual, rcond=closure.cut)
-            new[free] += step
-            residual = psi @ new + eta_t
-        remaining = float(np.abs(residual).max())
-        if remaining <= agrees * scale:
-            return new, remaining
-        if fixed and given and fixed == set(given):
-            row = numbers.rows[int(np.abs(residual).argmax())]
-            unit = "m/s" if row.kind in ("force", "m") else "rad/s"
-            raise GeometryError(
-                f"the initial rates contradict the constraints: {row.name} moves at {remaining:.6g} {unit}; "
-                "give fewer of initial.qd",
-                key="initial.qd", row=row.name, residual=remaining,
-            )  # fmt: skip
-    return new, remaining

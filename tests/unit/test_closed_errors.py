@@ -1,0 +1,97 @@
+"""Errors of closed states cover what fifty digits tell of four-bars, near dead points too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+import yaml
+
+from robodyn_cli.errors import GeometryError, SingularConfigurationError
+from robodyn_cli.scene import load_scene_text
+from robodyn_cli.works.assemble import assemble
+
+JOINTS = ("first", "second", "third")
+MASS = {"mass": 1, "com": [0, 0, 0], "com_frame": "joint", "inertia": {"zz": 1}}
+
+
+def four_bar(lengths: Sequence[float], pivot: float, angles: Sequence[float], rate: float) -> str:
+    """Return a crank with a coupler from the origin, and a rocker from (pivot, 0), whose ends meet."""
+    joints = [
+        {
+            "name": name,
+            "type": "revolute",
+            "link": f"bar{k}",
+            "parent": parent,
+            "a": length,
+            "alpha": 0,
+            "d": 0,
+        }
+        for k, (name, parent, length) in enumerate(zip(JOINTS, ("base", "bar0", "base"), lengths))
+    ]
+    joints[2]["origin"] = {"xyz": [pivot, 0, 0]}
+    scene = {
+        "schema": 1,
+        "gravity": [0, 0, 0],
+        "robot": {
+            "convention": "standard",
+            "joints": joints,
+            "links": [{"name": f"bar{k}", **MASS} for k in range(3)],
+        },
+        "loops": [{"name": "pin", "type": "revolute", "between": ["bar1.end", "bar2.end"]}],
+        "initial": {"q": dict(zip(JOINTS, angles)), "qd": {"first": rate}, "hold": ["first"]},
+        "assemble": {"branches": True},
+    }
+    return yaml.safe_dump(scene)
+
+
+def exact(lengths: Sequence[float], pivot: float, q: Any, rate: float) -> tuple[Any, Any, Any]:
+    """Return q, v and v-dot of least norm of the closed four-bar near q, with a given angle and rate of the crank."""
+    a, b, c = map(mp.mpf, lengths)
+    first = mp.mpf(q[0])
+
+    def ends(second: Any, third: Any) -> list[Any]:
+        x = a * mp.cos(first) + b * mp.cos(first + second) - mp.mpf(pivot) - c * mp.cos(third)
+        return [x, a * mp.sin(first) + b * mp.sin(first + second) - c * mp.sin(third)]
+
+    second, third = mp.findroot(ends, (mp.mpf(q[1]), mp.mpf(q[2])))
+    total = first + second
+    one, two, three = ([-r * mp.sin(x), r * mp.cos(x)] for r, x in ((a, first), (b, total), (c, third)))
+    J = mp.matrix([[one[i] + two[i], two[i], -three[i]] for i in (0, 1)])
+    rest = mp.lu_solve(J[:, 1:], -J[:, 0] * rate)
+    v = [mp.mpf(rate), rest[0], rest[1]]
+    # e'' of each bar at constant rates: -rate^2 r e
+    bars = ((a, first, v[0], 1), (b, total, v[0] + v[1], 1), (c, third, v[2], -1))
+    gamma = mp.matrix([sum(-s * r * w**2 * f(x) for r, x, w, s in bars) for f in (mp.cos, mp.sin)])
+    return [first, second, third], v, list(J.T * mp.lu_solve(J * J.T, -gamma))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_errors_cover_what_many_digits_tell(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lengths, pivot, rate = rng.uniform(0.4, 1.6, 3).tolist(), float(rng.uniform(0.3, 1.5)), 1.3
+    angles = rng.uniform(-3.0, 3.0, 3)
+    a, b, c = lengths
+    if seed % 3 == 0:  # near a dead point: coupler and rocker almost in line
+        reach = (b + c) * (1.0 - 10.0 ** -rng.uniform(2.0, 9.0))
+        cosine = (a**2 + pivot**2 - reach**2) / (2.0 * a * pivot)
+        angles[0] = np.arccos(np.clip(cosine, -1.0, 1.0))
+    try:
+        summary = assemble(load_scene_text(four_bar(lengths, pivot, angles.tolist(), rate))).summary
+    except (GeometryError, SingularConfigurationError):
+        pytest.skip("bars that do not reach, or in line")
+    with mp.workdps(50):
+        q, v, a_ = exact(lengths, pivot, list(summary["configuration"].values()), rate)
+        for key, true in (("configuration", q), ("rates", v), ("accelerations", a_)):
+            stated = summary["error_estimate"][key]
+            for name, value in zip(JOINTS, true):
+                off = abs(float(mp.mpf(summary[key][name]) - value))
+                assert off <= stated[name], (key, name, off, stated[name])
+        for branch in summary["branches"]:
+            q, *_ = exact(lengths, pivot, list(branch["configuration"].values()), rate)
+            for name, value in zip(JOINTS, q):
+                assert abs(float(mp.mpf(branch["configuration"][name]) - value)) <= branch["errors"][name]
+        assert max(summary["error_estimate"]["configuration"].values()) < 1e-7
