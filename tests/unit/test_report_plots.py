@@ -36,6 +36,7 @@ from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.output_dir import SIGNATURE, is_ours
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.extremes import root_mean_square
 from tests.unit.synthetic_results import chain_result, four_bar_result, inverse_result, pendulum_result
 
 INVERSE = [
@@ -164,6 +165,24 @@ def test_the_root_mean_square_in_the_drawing_is_that_of_the_summary() -> None:
         mean = float(np.sqrt(np.mean(result["tau"][:, result.variables["tau"].names.index(name)] ** 2)))
         assert number(figures["rms_torque"], 4) != number(mean, 4)
         assert f"RMS {number(figures['rms_torque'], 4)} N·m" in drawn
+
+
+def test_figures_in_the_drawing_know_that_friction_jumps_between_samples() -> None:
+    points = ", ".join(f"{{t: {t}, q: {{lift: {q}}}}}" for t, q in ((0, 0.1), (1.6, 0.5), (2.4, 0.2)))
+    text = f"""
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints: [{{name: lift, type: prismatic, axis: [0, 0, 1], friction: {{coulomb: 30}}}}]
+  links: [{{name: car, mass: 3}}]
+trajectory: {{type: quintic, points: [{points}]}}
+"""
+    result = inverse(load_scene_text(text), samples=31)
+    figures = result.summary["joints"]["lift"]
+    assert f"RMS {number(figures['rms_torque'], 4)} N" in texts(result, "torques")
+    assert number(figures["rms_torque"], 4) != number(
+        float(root_mean_square(result.time, result["tau"])[0][0]), 4
+    )
 
 
 def test_small_torques_beside_large_ones_have_a_panel_of_their_own() -> None:

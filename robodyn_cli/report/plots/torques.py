@@ -38,7 +38,8 @@ def torques(result: Result) -> Any:
     shown = whole.part(_working(whole))
     data, names = shown.data, list(shown.names)
     units = [unit(u) for u in shown.units]
-    rms = _root_mean_squares(shown, result.time)
+    at_samples = _root_mean_squares(shown, result.time)
+    rms = np.array([_stated(result, name, "rms_torque", x) for name, x in zip(names, at_samples)])
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
     lined: set[int] = set()  # no root mean square is drawn where no torque comes so high
@@ -54,7 +55,7 @@ def torques(result: Result) -> Any:
         beside = ", thin line: root mean square" if lined else ""
         subtitle = f"Actuator torques; dot: peak{beside}{note}"
         stated = [
-            _stated_peak(result, name, float(data[at, k])) for k, (name, at) in enumerate(zip(names, peak))
+            _stated(result, name, "peak_torque", data[at, k]) for k, (name, at) in enumerate(zip(names, peak))
         ]
         labels = [
             f"{name}: peak {number(stated[k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
@@ -91,9 +92,9 @@ def _root_mean_squares(shown: DrawnCurves, time: Array) -> Array:
     return np.asarray(rms)
 
 
-def _stated_peak(result: Result, name: str, at_samples: float) -> float:
-    """Return the peak that the summary states, which may lie between samples; else the largest sample."""
-    stated = result.summary.get("joints", {}).get(name, {}).get("peak_torque", at_samples)
+def _stated(result: Result, name: str, key: str, at_samples: float) -> float:
+    """Return a figure of a joint that the summary states, which knows what lies between samples; else that of these."""
+    stated = result.summary.get("joints", {}).get(name, {}).get(key, at_samples)
     return float(np.copysign(stated, at_samples))
 
 
@@ -133,10 +134,11 @@ def _working(shown: DrawnCurves) -> list[int]:
 
 def _worst(result: Result, names: list[str], data: Any, rms: Any, units: list[str]) -> str:
     largest = where_largest(rms)
-    peak = data[where_largest(np.abs(data[:, largest])), largest]
+    at_samples = data[where_largest(np.abs(data[:, largest])), largest]
+    peak = _stated(result, names[largest], "peak_torque", at_samples)
     return (
         f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units[largest]},"
-        f" peak {number(_stated_peak(result, names[largest], float(peak)), 4)} {units[largest]}"
+        f" peak {number(peak, 4)} {units[largest]}"
     )
 
 
