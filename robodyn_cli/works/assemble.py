@@ -4,6 +4,7 @@ stay where they are."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -71,14 +72,16 @@ class Branches:
             result.add(f"branch_skeleton/{name}", np.array(drawn))
 
 
-def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> Branches:
+def find_branches(problem: Problem, errors: ErrorsOfClosing, q: Array, held: tuple[str, ...]) -> Branches:
     """Return the ways in which the loops close with the held joints where they are at q (nq,).
+
+    errors : of configurations that close the loops.
 
     Raises
     ------
     CapabilityError : see ``refuse_freedom``.
     """
-    model, free = problem.model, _free(problem, held)
+    model, free, conditions = problem.model, _free(problem, held), errors.conditions
     angles = [unit == "rad" for unit in model.q_units]
     cosines = Evaluator([row.cosine for row in problem.constraints.rows])
 
@@ -100,7 +103,6 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
     closures = search(close, starts, signature, closed_as_meant)
     first, *others = closures.found
     configurations = [first, *(_within_a_turn(x, angles) for x in others)]
-    errors = ErrorsOfClosing(conditions)
     described = [_describe(problem, errors, x, free, k == 0) for k, x in enumerate(configurations)]
     searched = BranchSearch(closures.starts, closures.closed, len(described))
     return Branches(problem, configurations, described, searched)
@@ -198,13 +200,18 @@ class Closed:
         """Ratio of singular values below which rank is lost."""
         return max(RANK, self.closure.cut)
 
+    @cached_property
+    def errors_of(self) -> ErrorsOfClosing:
+        """The errors of configurations and states that close these loops."""
+        return ErrorsOfClosing(self.conditions, self.cut)
+
     def errors(self) -> AssembleErrors:
         """Return the errors of the state, by coordinate."""
         model, state = self.problem.model, (self.q, self.v, self.a)
         if self.rule is None:
             of_state = tuple(np.zeros_like(x) for x in state)
         else:
-            of_state = ErrorsOfClosing(self.conditions, self.cut).of_state(*state, self.rule)
+            of_state = self.errors_of.of_state(*state, self.rule)
         names = (model.q_names, model.v_names, model.v_names)
         return AssembleErrors(*(dict(zip(own, x.tolist())) for own, x in zip(names, of_state)))
 
@@ -230,7 +237,7 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
     held, branches = held_joints(scene), None
     if scene.assemble.branches:
         with watch.stage("branches"):
-            branches = find_branches(closed.problem, closed.conditions, closed.q, held)
+            branches = find_branches(closed.problem, closed.errors_of, closed.q, held)
     progress(0.0, 0.0)
     result = Result.of("assemble", scene)
     add_sample(result, closed.problem, closed.q, closed.v, closed.a)

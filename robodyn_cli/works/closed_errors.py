@@ -8,6 +8,7 @@ them. The largest of a few changes, times ``SAFETY``, is the error. The changes 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.given.loop_conditions import LoopConditions
 from robodyn_cli.observe.rounding import ENLARGED, Rounded
 from robodyn_cli.solve.closing.rates import RatesByLoops
-from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
 
 SAFETY = 4.0  # times the largest of a few draws
@@ -30,10 +30,13 @@ class ErrorsOfClosing:
     left alone.
     """
 
-    def __init__(self, conditions: LoopConditions, cut: float = RANK) -> None:
+    def __init__(self, conditions: LoopConditions, cut: float) -> None:
         self.conditions, self.cut = conditions, cut
         self._here, self._moving = conditions.entries()
-        self._of_values = _Noise(self._here[: len(conditions.names)])
+
+    @cached_property
+    def _of_values(self) -> _Noise:
+        return _Noise(self._here[: len(self.conditions.names)])
 
     def of_positions(self, q: Array, free: Sequence[int]) -> Array:
         """Return the errors (nq,) of a configuration whose free velocity coordinates closed the loops."""
