@@ -218,7 +218,7 @@ def _least_jerk(h: Array, q: Array, given: Array) -> Array:
     solved by block elimination, which needs no pivoting.
     """
     N, n = q.shape
-    free = np.isnan(given[:, :, 0])
+    free = np.isnan(given).any(axis=2)
     x = np.where(np.isnan(given), 0.0, given)
     if not free.any():
         return x

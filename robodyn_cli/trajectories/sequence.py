@@ -168,8 +168,8 @@ def _gap(
     for k, name in enumerate(columns):
         if abs(q1[k] - q0[k]) > MEET * max(1.0, abs(q0[k])):
             return f"{name} begins at {q1[k]:.12g}, not at {q0[k]:.12g}"
-    scale = max(1.0, float(np.abs(before.qd[1]).max()))
-    if np.abs(after.qd[0] - before.qd[1]).max() > MEET * scale:
-        k = int(np.argmax(np.abs(after.qd[0] - before.qd[1])))
+    scale, jump = np.abs(before.qd[1]).max(initial=1.0), np.abs(after.qd[0] - before.qd[1])
+    if jump.max(initial=0.0) > MEET * scale:
+        k = int(np.argmax(jump))
         return f"the motion begins with a rate of {after.qd[0, k]:.6g}, not of {before.qd[1, k]:.6g}"
     return None

@@ -171,7 +171,7 @@ class CubicTrajectory(WayPoints):
     type: str = key(Choice(("cubic",)), doc="Kind of trajectory.")
 
     def between(self, stretch: _Stretch) -> Course:
-        given = np.flatnonzero(~np.isnan(stretch.v[:, 0]))
+        given = np.flatnonzero(~np.isnan(stretch.v).any(axis=1))
         v = stretch.v.copy()
         for first, last in zip(given, given[1:]):
             places = slice(first, last + 1)

@@ -92,6 +92,26 @@ def test_empty_things_give_a_result_or_a_message(
                 assert not not_finite(tmp_path / "scene" / "out")
 
 
+NOTHING: list[Any] = [{"t": t, "q": {}} for t in (0, 0.5, 1)]
+WAITING: list[Any] = [NOTHING[0], {**NOTHING[1], "dwell": 0.2}, NOTHING[2]]
+OF_NO_JOINT: dict[str, dict[str, Any]] = {
+    **{kind: {"type": kind, "points": NOTHING} for kind in ("quintic", "cubic", "monotone")},
+    **{f"{kind}, waiting": {"type": kind, "points": WAITING} for kind in ("quintic", "cubic", "monotone")},
+    "fourier": {"type": "fourier", "offset": {}, "period": 1, "duration": 1},
+    "sequence": {
+        "type": "sequence",
+        "segments": [{"type": "quintic", "points": NOTHING}, MOTION["trajectory"]],
+    },
+}
+
+
+@pytest.mark.parametrize("kind", OF_NO_JOINT)
+def test_a_motion_of_no_joint_passes_time(kind: str, tmp_path: Path) -> None:
+    write({**RIGID, **MOTION, "trajectory": OF_NO_JOINT[kind]}, tmp_path / "scene")
+    done = call(["kinematics", "scene.yaml", "--no-plots", "--out", "out"], tmp_path / "scene")
+    assert done.code == 0 and not done.finding, done.err
+
+
 @pytest.mark.parametrize("command", ["info", "statics", "kinematics"])
 def test_a_robot_without_joints_is_drawn(command: str, tmp_path: Path) -> None:
     write({**RIGID, **MOTION}, tmp_path / "scene")
