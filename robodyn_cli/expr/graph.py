@@ -8,12 +8,14 @@ numbers again, but they are never taken for structure: not for a one, and not fo
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
 from robodyn_cli.expr.fixed import Fixed, collected, is_plain
 
 Scalar = Union[float, "Expr"]
+Row = tuple[float, ...]
 
 COMMUTATIVE = frozenset({"add", "mul", "min", "max"})
 
@@ -21,14 +23,19 @@ COMMUTATIVE = frozenset({"add", "mul", "min", "max"})
 class Expr:
     """One node: an operation on earlier nodes, a constant or a symbol. Create nodes by arithmetic only."""
 
-    __slots__ = ("args", "graph", "index", "op", "value")
+    # large scenes have a million: a fifth entry would take 16 bytes of each
+    __slots__ = ("args", "graph", "index", "op")
 
-    def __init__(self, graph: Graph, op: str, args: tuple[Expr, ...], value: Any, index: int) -> None:
+    def __init__(self, graph: Graph, op: str, args: tuple[Expr, ...], index: int) -> None:
         self.graph = graph
         self.op = op
         self.args = args
-        self.value = value
         self.index = index
+
+    @property
+    def value(self) -> Any:
+        """What a constant, a symbol or a table is beside its arguments; None of others."""
+        return self.graph.values.get(self.index)
 
     def __add__(self, other: Scalar) -> Scalar:
         return self.graph.add(self, other)
@@ -97,34 +104,43 @@ class Graph:
 
     def __init__(self) -> None:
         self.nodes: list[Expr] = []
-        self._table: dict[Any, Expr] = {}
         # by operation and ``args``, the node's own
-        self._binaries: dict[str, dict[tuple[Expr, ...], Expr]] = {}
+        self._operations: defaultdict[str, dict[tuple[Expr, ...], Expr]] = defaultdict(dict)
+        self._valued: dict[Any, Expr] = {}
+        self.values: dict[int, Any] = {}  # by index
 
     # -- leaves ---------------------------------------------------------------------------------------
     def constant(self, value: float) -> Expr:
         """Return the node of a constant (needed only as an argument of other nodes)."""
         if isinstance(value, Fixed):
-            return self._node("const", (), value, ("fixed", id(value)))
+            return self._with_value("const", (), value, id(value))
         # -0.0 == 0.0 hash alike, and 0.0 never needs its sign here
-        return self._node("const", (), float(value))
+        return self._with_value("const", (), float(value), ("const", value))
 
     def symbol(self, name: str, group: str, position: int = 0) -> Expr:
         """Return the symbol ``name``, entry ``position`` of the input array ``group``."""
-        return self._node("sym", (), (name, group, position))
+        value = (name, group, position)
+        return self._with_value("sym", (), value, value)
 
     def symbols(self, names: Sequence[str], group: str) -> list[Expr]:
         """Return a symbol for each name, numbered in order."""
         return [self.symbol(name, group, k) for k, name in enumerate(names)]
 
-    def _node(self, op: str, args: tuple[Expr, ...], value: Any = None, identity: Any = None) -> Expr:
-        """Return the node; ``identity`` : what tells its value from others, where that is not its equality."""
-        return self._at((op, value if identity is None else identity, *[a.index for a in args]), args, value)
-
-    def _at(self, key: tuple[Any, ...], args: tuple[Expr, ...], value: Any) -> Expr:
-        node = self._table.get(key)
+    def _with_value(self, op: str, args: tuple[Expr, ...], value: Any, identity: Any) -> Expr:
+        """Return the node with a value; identity : what tells it from others."""
+        node = self._valued.get(identity)
         if node is None:
-            node = self._table[key] = Expr(self, key[0], args, value, len(self.nodes))
+            node = self._valued[identity] = Expr(self, op, args, len(self.nodes))
+            self.nodes.append(node)
+            self.values[node.index] = value
+        return node
+
+    def _node(self, op: str, args: tuple[Expr, ...]) -> Expr:
+        """Return the node of an operation."""
+        table = self._operations[op]
+        node = table.get(args)
+        if node is None:
+            node = table[args] = Expr(self, op, args, len(self.nodes))
             self.nodes.append(node)
         return node
 
@@ -145,15 +161,7 @@ class Graph:
             raise ValueError("expressions of different graphs cannot be combined")
         if op in COMMUTATIVE and y.index < x.index:
             x, y = y, x
-        table = self._binaries.get(op)
-        if table is None:
-            table = self._binaries[op] = {}
-        args = (x, y)
-        node = table.get(args)
-        if node is None:
-            node = table[args] = Expr(self, op, args, None, len(self.nodes))
-            self.nodes.append(node)
-        return node
+        return self._node(op, (x, y))
 
     # -- arithmetic with folding ----------------------------------------------------------------------
     def add(self, a: Scalar, b: Scalar) -> Scalar:
@@ -173,7 +181,7 @@ class Graph:
                 return self.sub(b, a.args[0])
             if a.op == "sub" and a.args[0].op == "const":
                 return self.sub(a.args[0].value + b, a.args[1])
-            constant, rest = _split_sum(a)
+            constant, rest = _split(a, "add", 0.0)
             if not is_plain(constant, 0.0):
                 return self.add(rest, constant + b)
             return self._binary("add", a, b)
@@ -199,7 +207,7 @@ class Graph:
                 return self.add(a, b.args[0])
             if b.op == "sub" and b.args[0].op == "const":
                 return self.add(a - b.args[0].value, b.args[1])
-            constant, rest = _split_sum(b)
+            constant, rest = _split(b, "add", 0.0)
             if not is_plain(constant, 0.0):
                 return self.sub(a - constant, rest)
             return self._binary("sub", a, b)
@@ -220,7 +228,7 @@ class Graph:
             x, y = a.args
             return self.add(y, -x.value) if x.op == "const" else self._binary("sub", y, x)
         if a.op == "mul":
-            factor, rest = _split_product(a)
+            factor, rest = _split(a, "mul", 1.0)
             if not isinstance(factor, Fixed) and not is_plain(factor, 1.0):
                 return self.mul(-factor, rest)
         return self._node("neg", (a,))
@@ -257,8 +265,8 @@ class Graph:
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
         # constants float outward, so that products of shared factors are found again
-        factor, a = _split_product(a)
-        other, b = _split_product(b)
+        factor, a = _split(a, "mul", 1.0)
+        other, b = _split(b, "mul", 1.0)
         if not (is_plain(factor, 1.0) and is_plain(other, 1.0)):
             return self.mul(factor * other, self.mul(a, b))
         return self._binary("mul", a, b)
@@ -313,13 +321,7 @@ class Graph:
             return a
         return self._node("where", (x, self._as_node(a), self._as_node(b)))
 
-    def piecewise(
-        self,
-        x: Expr,
-        knots: tuple[float, ...],
-        rows: tuple[tuple[float, ...], ...],
-        held: tuple[float, float] | None = None,
-    ) -> Scalar:
+    def piecewise(self, x: Expr, knots: Row, rows: tuple[Row, ...], held: Row | None = None) -> Scalar:
         """Return the polynomial sum_i rows[i][k] (x - knots[k])^i of the segment k that x lies in, right-continuous.
 
         Parameters
@@ -331,11 +333,12 @@ class Graph:
             return rows[0][0]
         return self._table_of(x, knots, rows, held)
 
-    def _table_of(self, x: Expr, knots: tuple[float, ...], rows: Any, held: Any) -> Expr:
+    def _table_of(self, x: Expr, knots: Row, rows: Any, held: Any) -> Expr:
         numbers = tuple(
             id(e) if isinstance(e, Fixed) else ("plain", e) for e in (*knots, *sum(rows, ()), *(held or ()))
         )
-        return self._node("table", (x,), (knots, rows, held), (numbers, len(knots), held is None))
+        identity = ("table", x, numbers, len(knots), held is None)
+        return self._with_value("table", (x,), (knots, rows, held), identity)
 
     def interpolate(self, x: Expr, knots: tuple[float, ...], values: tuple[float, ...]) -> Scalar:
         """Return the piecewise linear function through (knots, values) at x, held beyond the ends."""
@@ -343,31 +346,20 @@ class Graph:
         return self.piecewise(x, knots, (values[:-1], slopes), (values[0], values[-1]))
 
 
-def _split_sum(a: Expr) -> tuple[float, Scalar]:
-    """Split a constant off a sum: a = constant + rest."""
-    if a.op == "add":
+def _split(a: Expr, op: str, neutral: float) -> tuple[float, Expr]:
+    """Split a constant off a sum or a product, ``neutral`` where it has none: a = constant + rest or constant rest."""
+    if a.op == op:
         x, y = a.args
         if x.op == "const":
             return x.value, y
         if y.op == "const":
             return y.value, x
-    return 0.0, a
-
-
-def _split_product(a: Expr) -> tuple[float, Expr]:
-    """Split a constant off a product: a = factor * rest."""
-    if a.op == "mul":
-        x, y = a.args
-        if x.op == "const":
-            return x.value, y
-        if y.op == "const":
-            return y.value, x
-    return 1.0, a
+    return neutral, a
 
 
 def _like_terms(op: str, a: Expr, b: Expr) -> tuple[float, Expr] | None:
     """Return c and x with a + b = c x (``add``) or a - b = c x (``sub``), None where the terms are not alike."""
-    (factor, x), (other, y) = _split_product(a), _split_product(b)
+    (factor, x), (other, y) = _split(a, "mul", 1.0), _split(b, "mul", 1.0)
     return (collected(op, factor, other), x) if x is y else None
 
 

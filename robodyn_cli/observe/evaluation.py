@@ -3,6 +3,7 @@ not finite, and say where they come from."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -176,7 +177,7 @@ class SampleFunction:
 
     def __init__(self, outputs: Outputs, known: Sequence[str], samples: int) -> None:
         self.outputs = {name: list(entries) for name, entries in outputs.items()}
-        entries = [e for array in self.outputs.values() for e in array]
+        entries = list(itertools.chain(*self.outputs.values()))
         missing = [s.value[0] for s in free_symbols(entries) if s.value[1] not in known]
         if missing:
             raise unknown_data(missing)
@@ -190,8 +191,8 @@ class SampleFunction:
         self._constant = {
             name: np.array(a, dtype=float) for name, a in self.outputs.items() if name not in varying
         }
-        if not self.compiled:
-            self._interpreter = Interpreter(entries)
+        # made by the first call: a plan makes none, and it is nearly as large as the expressions
+        self._interpreter: Interpreter | None = None
 
     @cached_property
     def _kernel(self) -> SampleKernel:
@@ -236,6 +237,8 @@ class SampleFunction:
                 name: arrays[name] if name in arrays else np.tile(self._constant[name], (samples, 1))
                 for name in self.outputs
             }
+        if self._interpreter is None:
+            self._interpreter = Interpreter(list(itertools.chain(*self.outputs.values())))
         out = {name: np.empty((samples, len(a)), order="F") for name, a in self.outputs.items()}
         for start in range(0, samples, BLOCK):
             part = slice(start, min(start + BLOCK, samples))
