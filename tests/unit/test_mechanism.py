@@ -19,6 +19,7 @@ from robodyn_cli.integrators.runtime.options import JUDGED
 from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.motion.build import build_motion
+from robodyn_cli.over.many.command import ended, error_of, number_of
 from robodyn_cli.over.many.groups import Built, Structures
 from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
@@ -513,6 +514,30 @@ def test_deployments_that_code_does_not_judge_are_made_one_by_one() -> None:
     scene = load_scene(str(CONFIGS / "mechanisms" / "four_bar_overload.yaml"))
     found = Mechanism(scene, ["robot.links.crank.mass"]).deploy_many([[20.0], [20.3]])
     assert found.one_by_one.all() and found.code.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("given", "statuses"),
+    [
+        ("after: continue", ["no_lock", "locked"]),
+        ("loads: {pin: {force: 100}}", ["no_lock", "overload"]),
+        ("loads: {pin: {force: 2000}}", ["no_lock", "locked"]),
+    ],
+)
+def test_only_what_follows_a_lock_or_an_overload_is_left_to_the_command(
+    given: str, statuses: list[str]
+) -> None:
+    setting = f"deploy={{criterion: dead_point, latch: {{between: [coupler, follower]}}, {given}}}"
+    scene = load_scene(str(CONFIGS / "four_bar_deploy.yaml"), [setting, "expect={}"])
+    key, of, durations = "simulate.duration", "final.q.theta1", [3.0, 13.0]
+    found = Mechanism(scene, [key]).deploy_many([[x] for x in durations], of=[of])
+    for run, (duration, status) in enumerate(zip(durations, statuses)):
+        alone = ended(lambda x=duration: deploy(Family.of(scene).scene(settings([key], [x]))))
+        assert alone.summary["status"] == status and found.code[run] == alone.code
+        left = status == "overload" or (status == "locked" and "continue" in given)
+        assert found.one_by_one[run] == left
+        error = max(error_of(alone.summary, of), 1e-13)
+        assert found.outputs[of][run] == pytest.approx(number_of(alone.summary, of), abs=2.0 * error)
 
 
 SIX_BAR = Path(__file__).resolve().parents[2] / "benchmarks" / "six_bar.yaml"

@@ -84,6 +84,8 @@ class LiveStructure(LiveScene):
         control = motion.problem.control
         choice = motion.choice
         quasi = any(body.joint.quasi for body in motion.problem.model.bodies)
+        if why := self.command.beyond(motion):
+            return why
         reasons = {
             VERDICT: bool(scene.drives) or scene.motorisation is not None,
             "no errors are estimated (simulate.error_estimate)": not scene.simulate.error_estimate,

@@ -323,7 +323,7 @@ def motions_of(batch: RunBatch, keys: Sequence[str], method: str) -> Iterator[Mo
         yield one
 
 
-def _recordings(
+def recordings(
     batch: RunBatch, method: str, ended: CourseEnds, keys: Sequence[str]
 ) -> Iterator[RecordedMotion]:
     """Yield the motions of runs, recorded at the samples of the scene."""
@@ -369,7 +369,7 @@ def figures_between(
     scene = asking(batch.structure.motion.scene, keys)
     names = scene.outputs.extremes
     found = {key: (np.full(len(batch.values), np.nan), np.full(len(batch.values), np.nan)) for key in keys}
-    for k, motion in enumerate(_recordings(batch, method, ended, keys)):
+    for k, motion in enumerate(recordings(batch, method, ended, keys)):
         summary: dict[str, Any] = {"command": command}
         with contextlib.suppress(RobodynError):  # the command says what is wrong
             described = motion.recorder.observer.reactions

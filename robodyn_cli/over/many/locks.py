@@ -5,13 +5,15 @@ A figure follows from states of the run; its error from the same figure of the s
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.observe.recorder import Recorder
@@ -22,6 +24,7 @@ from robodyn_cli.over.many.course import (
     CourseErrors,
     integrate_to,
     is_between,
+    recordings,
     with_between,
 )
 from robodyn_cli.over.many.integrate import Driven, RunBatch
@@ -29,6 +32,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.works.deploy.growth import farthest, locks_beside, multiplier_norm, starts_beside
+from robodyn_cli.works.deploy.recording import first_overload
 
 # what the summary says of every run whose lock compiled code has found
 WORDS: dict[str, Any] = {
@@ -38,6 +42,15 @@ WORDS: dict[str, Any] = {
     "lock.multipliers.diverge": False,
     "criteria.chosen": "dead_point",
     "termination.kind": "dead_point",
+}
+# why the command alone gives others
+SLOW = {
+    "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
+    **dict.fromkeys(
+        ("criteria.", "lock.multiplier_growth", "lock.growth_times"), "multipliers are judged on samples"
+    ),
+    "lock.latch": "it follows from the equations at the lock of each run",
+    "assembly.": "it tells how the loops of one run were closed",
 }
 TIMES = ("lock.time", "criteria.dead_point", "termination.time")
 RESIDUALS = ("constraint_residual.position", "constraint_residual.velocity")
@@ -79,10 +92,11 @@ def is_figure(key: str) -> bool:
 def with_ends(driven: Driven, batch: RunBatch, method: str, again: Array, result: ManyRuns) -> Driven:
     """Return what deployments came to with figures of the recorded motions that are asked for.
 
-    again : ends of the second runs (N,) [s].
+    again : ends of the second runs (N,) [s]. Where loads have limits, runs that pass one are not trusted.
     """
-    keys, runs = list(result.outputs), driven.runs
-    if not any(key in (*ERRORS, *LARGEST) or key.startswith(FINAL) or is_between(key) for key in keys):
+    keys, runs, limits = list(result.outputs), driven.runs, batch.structure.motion.scene.deploy.loads
+    asked = any(key in (*ERRORS, *LARGEST) or key.startswith(FINAL) or is_between(key) for key in keys)
+    if not asked and not limits:
         return driven
     system, nothing = batch.structure.motion.system, np.full(len(runs), np.nan)
     good = driven.trusted & batch.structure.observed_alike(batch.numbers)
@@ -102,7 +116,21 @@ def with_ends(driven: Driven, batch: RunBatch, method: str, again: Array, result
     figures["final.time"] = runs.time, nothing if driven.time_errors is None else driven.time_errors
     driven = dataclasses.replace(driven, trusted=good, figures={**driven.figures, **figures})
     ended = CourseEnds(runs.time, again, runs.y, runs.steps, errors.floor)
-    return with_between(driven, batch, method, ended, keys, "deploy")
+    driven = with_between(driven, batch, method, ended, keys, "deploy")
+    return _below(limits, driven, batch, method, ended) if limits else driven
+
+
+def _below(
+    limits: Mapping[str, Any], driven: Driven, batch: RunBatch, method: str, ended: CourseEnds
+) -> Driven:
+    """Return what deployments came to; those in which a load passes its limit are left to the command."""
+    below = np.zeros(len(driven.trusted), dtype=bool)
+    rows = np.flatnonzero(driven.trusted & batch.structure.observed_alike(batch.numbers, reactions=True))
+    without_errors = dataclasses.replace(ended, floor=np.full_like(ended.floor, np.nan)).part(rows)
+    for k, motion in zip(rows, recordings(batch.part(rows), method, without_errors, ())):
+        with contextlib.suppress(RobodynError):  # the command says what is wrong
+            below[k] = first_overload([motion], limits) is None
+    return dataclasses.replace(driven, trusted=driven.trusted & below)
 
 
 def with_locks(driven: Driven, batch: RunBatch, second: tuple[Array, Array], result: ManyRuns) -> Driven:

@@ -39,6 +39,7 @@ from robodyn_cli.over.many.locks import (
     ALONG,
     ERRORS,
     FINAL,
+    SLOW,
     TIMES,
     WORDS,
     Figure,
@@ -82,6 +83,10 @@ class MotionCommand(BatchCommand[Structure]):
 
     def obstacle(self, motion: Motion) -> str:
         """Return why runs of a motion are made one by one, beside what holds for all commands; nothing if not."""
+        return ""
+
+    def beyond(self, motion: Motion) -> str:
+        """Return why the command itself has to look into some runs of a motion; nothing if it has not."""
         return ""
 
     def series(self, motion: Motion, asked: AskedRuns) -> str:
@@ -277,14 +282,6 @@ class Simulate(MotionCommand):
 
 NO_LOCK = "duration: no lock"
 LOCK_ERROR = "lock.time_error"
-SLOW = {
-    "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
-    **dict.fromkeys(
-        ("criteria.", "lock.multiplier_growth", "lock.growth_times"), "multipliers are judged on samples"
-    ),
-    "lock.latch": "it follows from the equations at the lock of each run",
-    "assembly.": "it tells how the loops of one run were closed",
-}
 LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
 
@@ -300,15 +297,18 @@ class Deploy(MotionCommand):
         return build_deployment(scene, Stopwatch())
 
     def obstacle(self, motion: Motion) -> str:
-        options = motion.scene.deploy
         reasons = {
             "a controller acts": motion.problem.control is not None,
             "a motion is prescribed": bool(motion.problem.constraints.rheonomic),
-            "multipliers are judged on samples": options.criterion != "dead_point",
-            "the motion goes on as the locked structure": options.after == "continue",
-            "loads are judged on samples": bool(options.loads),
+            "multipliers are judged on samples": motion.scene.deploy.criterion != "dead_point",
         }
         return first_of(reasons)
+
+    def beyond(self, motion: Motion) -> str:
+        goes_on, loads = motion.scene.deploy.after == "continue", bool(motion.scene.deploy.loads)
+        return first_of(
+            {"the motion goes on as the locked structure": goes_on, "loads are judged on samples": loads}
+        )
 
     def gives(self, key: str) -> bool:
         known = (*TIMES, LOCK_ERROR, *LOCK_ERRORS)
@@ -330,6 +330,7 @@ class Deploy(MotionCommand):
         begun &= self._is_regular(batch, batch.starts.q, motion.passive)
         missed = begun & runs.arrived & (SECOND_STEPS not in asked.result.outputs)
         trusted = begun & locked(runs) & self._is_regular(batch, motion.system.split(runs.y)[0], ())
+        trusted &= motion.scene.deploy.after != "continue"  # the command follows the locked structure
         if not motion.scene.simulate.error_estimate:
             nothing = np.full(count, np.nan)
             driven = Driven(runs, trusted | missed, missed=missed)
