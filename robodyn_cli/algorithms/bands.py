@@ -10,7 +10,7 @@ left to numpy.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,12 +50,14 @@ class Band:
     upper: int
 
     @staticmethod
-    def of(A: Array) -> Band | None:
+    def of(A: Array | Scattered) -> Band | None:
         """Return the band of matrices A (T, m, n); None where they are small, or no narrow one is found."""
         m, n = A.shape[1:]
-        if min(m, n) < FEWEST or not isinstance(A, np.ndarray) or not len(A):
+        if min(m, n) < FEWEST or not isinstance(A, (np.ndarray, Scattered)) or not len(A):
             return None  # arrays that record are none of numpy's
-        rows, columns = np.nonzero((A != 0.0).any(axis=0))
+        rows, columns = (
+            (A.rows, A.columns) if isinstance(A, Scattered) else np.nonzero((A != 0.0).any(axis=0))
+        )
         if NARROW * len(rows) > m * n:  # more entries than the widest band that pays has room for
             return None
         row_order, column_order = _orders(m, n, rows, columns)
@@ -66,10 +68,11 @@ class Band:
             return None
         return Band(size, rows, columns, j, upper + i - j, row_order, column_order, lower, upper)
 
-    def stored(self, A: Array, room: int = 0) -> Array:
+    def stored(self, A: Array | Scattered, room: int = 0) -> Array:
         """Return matrices A (T, m, n) as LAPACK stores bands (T, n, diagonals), with room above the diagonals."""
         out = np.zeros((len(A), self.size, room + self.lower + self.upper + 1))
-        out[:, self.along, room + self.across] = A[:, self.rows, self.columns]
+        entries = A.entries if isinstance(A, Scattered) else A[:, self.rows, self.columns]
+        out[:, self.along, room + self.across] = entries
         return out
 
 
@@ -94,9 +97,20 @@ class Scattered:
     columns: Places
     sides: tuple[int, int]
 
+    def __len__(self) -> int:
+        return len(self.entries)
+
     @property
     def shape(self) -> tuple[int, int, int]:
         return len(self.entries), *self.sides
+
+    def of_columns(self, columns: Sequence[int]) -> Scattered:
+        """Return the matrices with some of their columns, in order."""
+        place = np.full(self.sides[1], -1)
+        place[list(columns)] = np.arange(len(columns))
+        kept = place[self.columns] >= 0
+        sides = self.sides[0], len(columns)
+        return Scattered(self.entries[:, kept], self.rows[kept], place[self.columns[kept]], sides)
 
     def __getitem__(self, part: slice) -> Array:
         own = self.entries[part]
@@ -112,20 +126,26 @@ def parts(shape: tuple[int, ...]) -> Iterator[slice]:
         yield slice(first, min(first + some, shape[0]))
 
 
-def singular_values(A: Array) -> Array:
+def _of_dense(function: Callable[[Array], Array], A: Array | Scattered) -> Array:
+    """Return a function of matrices (T, m, n) as arrays, few of which are made at a time."""
+    if isinstance(A, Scattered):
+        return np.concatenate([function(A[part]) for part in parts(A.shape)])
+    return function(A)
+
+
+def singular_values(A: Array | Scattered) -> Array:
     """Return the singular values of a matrix (m, n), or of several (T, m, n), largest first.
 
     Raises
     ------
     LinAlgError : an entry is not finite.
     """
-    if A.ndim == 2:
+    if isinstance(A, np.ndarray) and A.ndim == 2:
         own: Array = singular_values(A[None])[0]
         return own
     band = Band.of(A)
     if band is None:
-        dense: Array = np.linalg.svd(A, compute_uv=False)
-        return dense
+        return _of_dense(lambda dense: np.linalg.svd(dense, compute_uv=False), A)
     stored = band.stored(A)
     if not np.isfinite(stored).all():
         raise np.linalg.LinAlgError("an entry is not finite")
@@ -142,7 +162,7 @@ def full_rank(A: Array, ratio: float) -> NDArray[np.bool_]:
     band = Band.of(A)
     if band is None:
         return _above(singular_values(A), ratio)
-    found = _surely_above(band.stored(A), band, max(SURE, 2.0 * ratio))
+    found = _surely_above(A, band, ratio)
     if not found.all():
         found[~found] = _above(singular_values(A[~found]), ratio)
     return found
@@ -153,24 +173,32 @@ def _above(values: Array, ratio: float) -> NDArray[np.bool_]:
     return above
 
 
-def _surely_above(stored: Array, band: Band, ratio: float) -> NDArray[np.bool_]:
+def _surely_above(A: Array, band: Band, ratio: float) -> NDArray[np.bool_]:
     """Return of which matrices in a band the smallest singular value is surely above ``ratio`` times the largest (T,).
 
-    A^T A - s^2 has a Cholesky factor only if all singular values are above s. The norm of all entries is no less than
-    the largest one; s is far above what rounding makes of A^T A.
+    B^T B - s^2 has a Cholesky factor only if all singular values of B are above s. B is A with rows of one size, those
+    of a long mechanism's loops are small beside others; the smallest singular value of A is no less than that of B
+    times the smallest row. The norm of all entries is no less than the largest singular value; s is far above what
+    rounding makes of B^T B.
     """
     from scipy.linalg.lapack import dpbtrf
 
-    largest = np.abs(stored).max(axis=(1, 2), initial=0.0)
+    entries = A[:, band.rows, band.columns]
+    largest = np.abs(entries).max(axis=1, initial=0.0)
     if not np.isfinite(largest).all():
         raise np.linalg.LinAlgError("an entry is not finite")
-    stored = stored / np.where(largest > 0.0, largest, 1.0)[:, None, None]
+    entries = entries / np.where(largest > 0.0, largest, 1.0)[:, None]
+    norm = np.sqrt((entries**2).sum(axis=1))
+    _, first, row = np.unique(band.rows, return_index=True, return_inverse=True)  # they come in order
+    rows = np.sqrt(np.add.reduceat(entries**2, first, axis=1))
+    rows = np.where(rows > 0.0, rows, np.inf)  # what is zero stays so, and is no smallest one
+    least = rows.min(axis=1)
+    stored = band.stored(Scattered(entries / rows[:, row], band.rows, band.columns, A.shape[1:]))
     size, width = stored.shape[1:]
     square = np.zeros((len(stored), width, size))
     for k in range(min(width, size)):
         square[:, k, : size - k] = (stored[:, : size - k, k:] * stored[:, k:, : width - k]).sum(axis=2)
-    norm = square[:, 0].sum(axis=1)
-    square[:, 0] -= ratio**2 * norm[:, None]
+    square[:, 0] -= np.maximum(SURE**2 * len(first), (2.0 * ratio * norm / least) ** 2)[:, None]
     stretched = np.ones(size, dtype=bool)  # columns that only make the band square
     stretched[np.arange(len(band.column_order)) * size // len(band.column_order)] = False
     square[:, 0, stretched] = 1.0
@@ -205,6 +233,11 @@ def slogdet(A: Array) -> tuple[Array, Array]:
     if band is None:
         dense: tuple[Array, Array] = np.linalg.slogdet(A)
         return dense
+    return _of_triangles(A, band)
+
+
+def _of_triangles(A: Array | Scattered, band: Band) -> tuple[Array, Array]:
+    """Return the same by elimination in a band."""
     order = parity(band.row_order) * parity(band.column_order)
     swapped, found = np.arange(band.size), []
     for factors, pivots in _eliminated(A, band):
@@ -215,16 +248,16 @@ def slogdet(A: Array) -> tuple[Array, Array]:
     return both[:, 0], both[:, 1]
 
 
-def determinants(A: Array) -> Array:
+def determinants(A: Array | Scattered) -> Array:
     """Return the determinants (T,) of matrices A (T, n, n)."""
-    if Band.of(A) is None:
-        dense: Array = np.linalg.det(A)
-        return dense
-    sign, log = slogdet(A)
+    band = Band.of(A)
+    if band is None:
+        return _of_dense(np.linalg.det, A)
+    sign, log = _of_triangles(A, band)
     return sign * np.exp(log)
 
 
-def _eliminated(A: Array, band: Band) -> Iterator[tuple[Array, Places]]:
+def _eliminated(A: Array | Scattered, band: Band) -> Iterator[tuple[Array, Places]]:
     """Yield the factors of each matrix (T, n, n), in a band, and which row was swapped with each."""
     from scipy.linalg.lapack import dgbtrf
 

@@ -133,14 +133,16 @@ def singular_values(
 
     rank : how many count, where the others are zero in every pose.
     """
+    if isinstance(psi, bands.Scattered):
+        return _of_some(psi, passive, rank)
     found = [_of_some(psi[part], passive, rank) for part in bands.parts(psi.shape)]
     return {path: np.concatenate([data[path] for data in found]) for path in found[0]}
 
 
-def _of_some(psi: Array, passive: Sequence[int], rank: int | None) -> dict[str, Array]:
+def _of_some(psi: Array | bands.Scattered, passive: Sequence[int], rank: int | None) -> dict[str, Array]:
     data = {"singularity/psi": bands.singular_values(psi)[:, :rank]}
     if passive:
-        block = psi[:, :, list(passive)]
+        block = psi.of_columns(passive) if isinstance(psi, bands.Scattered) else psi[:, :, list(passive)]
         data["singularity/passive"] = bands.singular_values(block)[:, :rank]
         if block.shape[1] == block.shape[2]:
             data["singularity/determinant"] = bands.determinants(block)

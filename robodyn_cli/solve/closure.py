@@ -48,10 +48,9 @@ def least_step(J: Array, F: Array, cut: float | None = None) -> Array:
 
     cut : ratio of singular values below which a direction is left alone; by default where rounding hides it.
     """
-    if J.shape[0] == J.shape[1] and bands.Band.of(J[None]) is not None and np.isfinite(J).all():
-        sigma = bands.singular_values(J)
-        if sigma[-1] > RANK * sigma[0]:
-            return np.asarray(bands.solved(J[None], F[None])[0])
+    banded = J.shape[0] == J.shape[1] and bands.Band.of(J[None]) is not None and np.isfinite(J).all()
+    if banded and bands.full_rank(J[None], RANK)[0]:
+        return np.asarray(bands.solved(J[None], F[None])[0])
     x, *_ = np.linalg.lstsq(J, F, rcond=cut)
     return np.asarray(x)
 

@@ -79,6 +79,44 @@ def test_full_rank_is_told_as_by_singular_values_which_few_matrices_need(shape, 
         bands.full_rank(A, ratio)
 
 
+@pytest.mark.parametrize("shape", [(130, 130), (140, 120)])
+def test_small_rows_take_no_singular_values(shape, monkeypatch):
+    """Rows of a long mechanism's loops are small beside that of what leads it, which takes nothing from the rank."""
+    (m, n), rng = shape, np.random.default_rng(2)
+    far = np.abs(np.arange(m)[:, None] * n // m - np.arange(n))
+    A = np.where(far < 2, rng.normal(size=(3, m, n)), 0.0) + 9.0 * (far == 0)
+    A = A[:, rng.permutation(m)][:, :, rng.permutation(n)]
+    A[:, 1:] *= 1e-6
+    A[1, :, 5] = 0.0
+    A[2, :, 7] *= 1e-9
+    sigma, asked, own = np.linalg.svd(A, compute_uv=False), [], bands.singular_values
+    monkeypatch.setattr(bands, "singular_values", lambda A: asked.append(len(A)) or own(A))
+    wanted = sigma[:, -1] > 1e-11 * sigma[:, 0]
+    assert wanted[0] and sigma[0, -1] < bands.SURE * sigma[0, 0] and not wanted[1]
+    np.testing.assert_array_equal(bands.full_rank(A, 1e-11), wanted)
+    assert sum(asked) == np.count_nonzero(~wanted)
+
+
+@pytest.mark.parametrize("shape", [(130, 131), (131, 130)])
+def test_matrices_by_their_entries_give_what_arrays_do(shape, monkeypatch):
+    A = banded(*shape, seed=4)
+    rows, columns = np.nonzero((A != 0.0).any(axis=0))
+    scattered = bands.Scattered(A[:, rows, columns], rows, columns, shape)
+    some = [k for k in range(shape[1]) if k % 40][::-1]
+    square = list(range(1, 131)) if shape[0] == 130 else []
+    pairs = [(scattered, A), (scattered.of_columns(some), A[:, :, some])]
+    for _ in range(2):
+        for own, array in pairs:
+            dense = np.linalg.svd(array, compute_uv=False)
+            np.testing.assert_allclose(bands.singular_values(own), dense, rtol=0, atol=1e-13 * dense.max())
+        if square:
+            wanted = np.linalg.det(A[:, :, square])
+            np.testing.assert_allclose(bands.determinants(scattered.of_columns(square)), wanted, rtol=1e-8)
+        # the same without a band, an array of few samples at a time
+        monkeypatch.setattr(bands, "AT_A_TIME", 1)
+        monkeypatch.setattr(bands.Band, "of", staticmethod(lambda A: None))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_determinant_is_the_product_of_those_of_its_blocks(seed):
     rng = np.random.default_rng(seed)
