@@ -3,10 +3,11 @@
     python benchmarks/ensembles.py [--quick] [--json FILE]
 
 Double pendulums start at random and have random masses; 10 s at 1e-9. heyoka integrates the formulas of
-``peers/formulas.py`` with masses as parameters, 8 runs a batch and one by one. Stiff ones have a spring of 1e4 to
-1e8 N m in the elbow. Four-bars have random springs, masses and lengths, arrays of ten panels with ten latches random
-springs, masses and dampers; their error is the largest estimated one of the time of a lock. Else the error is the
-median over the runs of the largest of angles and rates at the end, against heyoka at 1e-15 (stiff: radau13 at 1e-12).
+``peers/formulas.py`` with masses as parameters, one by one and in batches as wide as this processor's vectors, which
+are its fastest. Stiff ones have a spring of 1e4 to 1e8 N m in the elbow. Four-bars have random springs, masses and
+lengths, arrays of ten panels with ten latches random springs, masses and dampers; their error is the largest estimated
+one of the time of a lock. Else the error is the median over the runs of the largest of angles and rates at the end,
+against heyoka at 1e-15 (stiff: radau13 at 1e-12).
 ``auto`` takes Taylor series here. Times are of the processor, in turns; of threads and whole processes by the clock.
 """
 
@@ -36,7 +37,7 @@ from robodyn_cli import Mechanism, load_scene_text  # noqa: E402
 
 MASSES = ["robot.links.link1.mass", "robot.links.link2.mass"]
 SPRING = "robot.joints.theta2.spring.stiffness"
-TOLERANCE, DURATION, BATCH = 1e-9, 10.0, 8
+TOLERANCE, DURATION = 1e-9, 10.0
 CHECKED = 100  # runs whose errors are known
 TAILS = 1000  # the same where those of 99 % are asked for
 CHANGE = 1e-7  # rad, that is followed to the end of a run
@@ -95,6 +96,13 @@ class Ensemble:
             return np.array(rows)
 
         return run
+
+    @staticmethod
+    def widest() -> int:
+        """Return how many runs heyoka makes at once where it is fastest: a vector's lanes."""
+        import heyoka as hy
+
+        return int(hy.recommended_simd_size())
 
     def heyoka(self, batch: int, tolerance: float, runs: int | None = None) -> Callable[[], np.ndarray]:
         import heyoka as hy
@@ -160,7 +168,9 @@ def double_pendulums(count: int, repeats: int, heyoka: bool) -> list[dict[str, A
     actions = {f"robodyn {m}": ensemble.ours(m) for m in ("auto", "dop853", "gauss")}
     actions["robodyn gauss, a loop in Python"] = ensemble.in_python("gauss")
     if heyoka:
-        actions[f"heyoka, batches of {BATCH}"] = ensemble.heyoka(BATCH, TOLERANCE)
+        batch = ensemble.widest()
+        batches = f"heyoka, batches of {batch}"
+        actions[batches] = ensemble.heyoka(batch, TOLERANCE)
         actions["heyoka, one by one"] = ensemble.heyoka(1, TOLERANCE)
         reference = ensemble.heyoka(1, 1e-15, CHECKED)()
     else:
@@ -174,7 +184,7 @@ def double_pendulums(count: int, repeats: int, heyoka: bool) -> list[dict[str, A
             {"work": "double pendulums", "way": name, "runs": count, "seconds": seconds, "error": error}
         )
         if heyoka:
-            rows[-1]["to_batch"] = measure.median_ratio(times[f"heyoka, batches of {BATCH}"], times[name])
+            rows[-1]["to_batch"] = measure.median_ratio(times[batches], times[name])
     return rows
 
 
@@ -184,13 +194,15 @@ def work_precision(count: int, repeats: int) -> list[dict[str, Any]]:
 
     Motions are chaotic, some more than others: tails are also told of errors over the growth of a small change.
     """
-    ensemble, batches = Ensemble(count), f"heyoka, batches of {BATCH}"
+    ensemble = Ensemble(count)
+    batch = ensemble.widest()
+    batches = f"heyoka, batches of {batch}"
     tolerances = {
         "dop853": (1e-7, 1e-9, 1e-11, 1e-13), "gauss": (1e-5, 1e-7, 1e-9, 1e-11),
         "auto": (1e-6, 3e-8, 1e-9, 1e-11), "taylor12": (1e-6, 1e-7, 1e-8), "taylor16": (1e-8, 1e-10, 3e-11),
     }  # fmt: skip
     actions = {(f"robodyn {m}", t): ensemble.ours(m, t) for m, ts in tolerances.items() for t in ts}
-    actions |= {(batches, 10.0**-k): ensemble.heyoka(BATCH, 10.0**-k) for k in range(5, 14)}
+    actions |= {(batches, 10.0**-k): ensemble.heyoka(batch, 10.0**-k) for k in range(5, 14)}
     known_runs = min(count, TAILS)
     reference, growth = ensemble.heyoka(1, 1e-16, known_runs)(), ensemble.growth(known_runs)
     times = measure.alternate(actions, repeats)
