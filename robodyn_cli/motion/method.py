@@ -26,7 +26,7 @@ SERIES = 80
 # operations of a step of the series up to which they are so where rates may change abruptly: there the default method
 # trusts its steps less
 STEEP_SERIES = 8500
-LOOSE = 3e-9  # relative tolerance down to which order 12 takes no longer than order 16
+LOOSE = 3e-7  # relative tolerance down to which order 12 takes no longer than order 16
 
 Rows = NDArray[np.int64]
 Cost = Callable[[str, Rows, Array], Array]  # of a method in runs (n,) over times (n,) [s]

@@ -63,7 +63,7 @@ def test_runs_equal_the_command_within_the_sum_of_errors(seed: int) -> None:
     values = np.array([2.0, 0.3]) * rng.uniform(0.8, 1.2, (9, 2))
     found = Mechanism(load_scene_text(text), KEYS).simulate_many(values, of=["final.q.j0"])
     assert found.ok.all() and not found.one_by_one.any()
-    assert set(found.series) <= {0, 12 if rtol > 3e-9 else 16}
+    assert set(found.series) <= {0, 12 if rtol > 3e-7 else 16}
     if seed % 4 == 0:
         assert found.series.all()
     for run in (0, 5):
@@ -88,7 +88,7 @@ robot:
     - {{name: l0, mass: 2, com: [0.2, 0, 0], inertia: {{xx: 0.1, yy: 0.2, zz: 0.3}}}}
     - {{name: l1, mass: 1, com: [0, -0.3, 0.1], inertia: {{xx: 0.1, yy: 0.2, zz: 0.3}}}}
 initial: {{q: {{j0: 0.3, j1: 0.5}}}}
-simulate: {{duration: 1, samples: 40, rtol: 1e-7, atol: 1e-9}}
+simulate: {{duration: 1, samples: 40, rtol: 1e-6, atol: 1e-8}}
 """
 
 

@@ -17,15 +17,18 @@ from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import LONG, Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Value
+from robodyn_cli.kernels.lower import loaded, values_of
 from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
-from robodyn_cli.kernels.series.jets import Jets
+from robodyn_cli.kernels.series.jets import Coefficients, Jets
+from robodyn_cli.kernels.series.rules import Series
 
-MOST = 256  # operations of the equations: at order 16 these take four seconds to compile
+MOST = (
+    256  # operations of the equations: of more, coefficients outgrow the nearest cache, and `gauss` is faster
+)
 # times the last two coefficients are below the tolerance at a step's end: errors are those of the other methods of high
 # order at this tolerance, and hardly a step is tried again
 BELOW = 30.0
 ACCEPTED = 0.05  # of the tolerance, that a step may leave: some 30 times what it leaves where nothing kinks
-Coefficients = list["list[Value | None]"]
 
 
 class Taylor(Method):
@@ -57,10 +60,14 @@ class Taylor(Method):
 class TaylorStepper(Stepper[Coefficients]):
     """Writes steps along a Taylor series."""
 
+    knows_end = True
+
     def __init__(self, method: Taylor, w: Writer) -> None:
         super().__init__(method, w)
-        self.rates = w.array(1, 1)
-        self.coefficients: Coefficients = []
+        self.series = Series.of(w.system.dynamics.program)
+        # of each instruction where the state is: at the end of a step for the next one
+        self.values = Array(w.f, w.f.slot(w.width, len(self.series.program.instructions)), w.width)
+        self.coefficients: Coefficients
         self.weights: list[Value] = []
         self.integrated = range(w.system.nq, w.system.size)
         self.control = StepController(
@@ -70,12 +77,19 @@ class TaylorStepper(Stepper[Coefficients]):
     def begin(self, t: Value) -> Value | None:
         """Emit the coefficients; return the step at whose end the last two are so far below the tolerance."""
         f, w, order = self.f, self.w, self.method.order
-        self.coefficients = self._jets(t)
+        with f.when(f.compare_int("eq", f.load_int(w.integer_at(IntegerSlot.RATE_KNOWN)), 0)):
+            self._evaluate(t, w.state)
+        w.count(IntegerSlot.EVALUATIONS, order - 1)  # a coefficient of the rates counts as one
+        state = [w.state[k] for k in range(w.system.size)]
+        start = [self.values[k] for k in range(len(self.series.program.instructions))]
+        self.coefficients = Jets(f, self.series, start, state, w.system.nv).up_to(order)
         with f.strict():
             self.weights = [1.0 / tolerance(w, f.abs(w.state[c])) for c in self.integrated]
             last = [
                 (
-                    rough_log2(f, self._square([self.coefficients[c][n] for c in self.integrated]) + 1e-300)
+                    rough_log2(
+                        f, self._square([self.coefficients.at(c, n) for c in self.integrated]) + 1e-300
+                    )
                     + 2.0 * math.log2(BELOW)
                 )
                 * (-0.5 / n)
@@ -83,57 +97,49 @@ class TaylorStepper(Stepper[Coefficients]):
             ]
             return rough_exp2(f, f.min(*last))
 
-    def _square(self, errors: Sequence[Value | None]) -> Value:
+    def _square(self, errors: Sequence[Value]) -> Value:
         """Return the mean square of errors of what is integrated in units of the tolerance."""
         total = self.f.constant(0.0, self.w.width)
         for error, weight in zip(errors, self.weights):
-            if error is not None:
-                e = error * weight
-                total = self.f.muladd(e, e, total)
+            e = error * weight
+            total = self.f.muladd(e, e, total)
         return total * (1.0 / max(len(self.weights), 1))
 
-    def _jets(self, t: Value) -> Coefficients:
-        w, s = self.w, self.w.system
-        w.count(IntegerSlot.EVALUATIONS, self.method.order)  # a coefficient of the rates counts as one
-        program, state = s.dynamics.program, [w.state[k] for k in range(s.size)]
-        jets = Jets(self.f, program, w.inputs(program, t, w.state), state, s.nv, w.programs.fused)
-        return jets.up_to(self.method.order)
+    def _evaluate(self, t: Value, x: Array) -> None:
+        """Emit the value of each instruction at a state, and keep it in memory."""
+        f, w, program = self.f, self.w, self.series.program
+        w.count(IntegerSlot.EVALUATIONS)
+        inputs = loaded(f, program, w.inputs(w.system.dynamics.program, t, x), w.width)
+        for k, value in enumerate(values_of(f, program, inputs, w.width, w.programs.fused)):
+            self.values[k] = value
 
     def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Coefficients]:
         f, w, s = self.f, self.w, self.w.system
         slopes = []
-        for c, coefficients in enumerate(self.coefficients):
-            w.new[c], slope = self._along(coefficients, h)
+        for c, (value, slope) in enumerate(self.coefficients.along(h)):
+            w.new[c] = value
             slopes.append(slope)
-        w.dynamics(t + h, w.new, self.rates)
-        w.count(IntegerSlot.EVALUATIONS)
+        self._evaluate(t + h, w.new)
+        outputs = self.series.program.outputs
+        rates = [
+            f.constant(r, w.width) if isinstance(r, float) else self.values[r]
+            for r in (*outputs.get("a", ()), *outputs.get("z", ()))
+        ]
         with f.strict():
-            defects = [slopes[c] - self.rates[c - s.nq] for c in self.integrated]
+            defects = [slopes[c] - rates[c - s.nq] for c in self.integrated]
             left = h * (1.0 / (self.method.order + 1))
             return StepAttempt(self._square(defects) * left * left, self.coefficients)
 
-    def _along(self, coefficients: Sequence[Value | None], h: Value) -> tuple[Value, Value]:
-        """Return a polynomial and its slope at h by Horner's scheme."""
-        f, zero = self.f, self.f.constant(0.0, h.width)
-        *others, last = (zero if x is None else x for x in coefficients)
-        value, slope = last, zero
-        for n, x in enumerate(reversed(others)):
-            slope = value if n == 0 else f.muladd(slope, h, value)
-            value = f.muladd(value, h, x)
-        return value, slope
-
     # -- dense output ---------------------------------------------------------------------------------
     def save_dense(self, t: Value, h: Value, kept: Coefficients) -> None:
-        f, rows = self.f, self.method.order + 2
+        f, size, order = self.f, self.w.system.size, self.method.order
         with self.used(t, h):
-            for c, coefficients in enumerate(kept):
-                for n in range(rows):
-                    x = coefficients[n] if n < len(coefficients) else None
-                    f.store(f.constant(0.0) if x is None else x, f.offset("%dense", c * rows + n))
+            for c in range(size):
+                with f.count(order + 1 + (c < self.w.system.nv)) as n:
+                    f.store(kept.at(c, n), f.offset("%dense", n * size + c))
 
     def dense(self, u: Value, h: Value, out: Array) -> None:
-        f, rows = self.f, self.method.order + 2
-        s = (u + 1.0) * h
-        for c in range(self.w.system.size):
-            row = [f.splat(f.load(f.offset("%dense", c * rows + n)), u.width) for n in range(rows)]
-            out[c] = self._along(row, s)[0]
+        f, s = self.f, self.w.system
+        kept = Coefficients(Array(f, "%dense"), s.size, range(s.size), self.method.order, s.nv)
+        for c, (value, _) in enumerate(kept.along((u + 1.0) * h)):
+            out[c] = value

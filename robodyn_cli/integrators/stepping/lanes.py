@@ -106,6 +106,7 @@ def _write_loop(w: LaneWriter, stepper: Stepper[Any]) -> None:
     f = w.f
     load_job(f)
     queue = _Queue(w)
+    f.store_int(0, w.integer_at(IntegerSlot.RATE_KNOWN))
     with f.loop() as rounds:
         queue.turn_over()
         rounds.leave(f.compare_int("eq", f.load_int(queue.busy), 0))
@@ -113,7 +114,6 @@ def _write_loop(w: LaneWriter, stepper: Stepper[Any]) -> None:
         with f.strict():
             left = end - t
         step = step_over(w, stepper, t, left)
-        f.store_int(0, w.integer_at(IntegerSlot.RATE_KNOWN))
         with f.block() as failed:
             attempt = stepper.attempt(step.t, step.h, failed)
         verdict = judge(w, True, stepper.control, step.h, attempt)
@@ -128,7 +128,10 @@ def _write_loop(w: LaneWriter, stepper: Stepper[Any]) -> None:
         for k in w.each(w.size):
             w.state[k] = f.select(counts, w.new[k], w.state[k])
         _count(w, counts)
-        queue.note(_is_over(w, counts))
+        over = _is_over(w, counts)
+        queue.note(over)
+        goes_on = ~((~counts) | over).any()
+        f.store_int(goes_on.mask() if stepper.knows_end else 0, w.integer_at(IntegerSlot.RATE_KNOWN))
     f.ret(f.load_int(queue.following))
 
 

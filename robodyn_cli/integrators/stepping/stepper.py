@@ -137,6 +137,7 @@ class Stepper(Generic[Kept]):
     """Writes the steps of a method for one system; ``control`` : how the length of steps follows from errors."""
 
     control: StepController = FIXED
+    knows_end = False  # whether an attempt leaves what the next step begins with
 
     def __init__(self, method: Method, w: Writer) -> None:
         self.method = method

@@ -1,4 +1,4 @@
-"""Taylor series of the solution of x-dot = f(x), emitted order by order from the program of f.
+"""Taylor series of the solution of x-dot = f(x), emitted as a loop over orders from the program of f.
 
     x(t + h) = sum_n x_n h^n,    n x_n = f_{n-1}
 
@@ -8,188 +8,347 @@ Coefficients of operations follow from convolutions (Jorba and Zou 2005; for g, 
     (u / w)_n w_0 = u_n - sum_{i=1}^{n} w_i (u / w)_{n-i}
     n g_0 y_n = sum_k s_k sum_{i=1}^{n} (i u_k,i) w_k,n-i - sum_{j=1}^{n-1} (j y_j) g_{n-j}
 
-What has kinks takes the branch on which it is at the start.
+All but a few terms of two orders are known before these begin. A loop sums them for both at once, which halves what is
+loaded, and for several convolutions, so that no sum waits for another. What has kinks takes the branch on which it is
+at the start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from robodyn_cli.kernels.ir import Condition, Function, Value
-from robodyn_cli.kernels.lower import Inputs, loaded, values_of
-from robodyn_cli.kernels.program import Instruction, Program
+from robodyn_cli.kernels.arrays import Array, Total
+from robodyn_cli.kernels.ir import Condition, Function, Int, Value
 from robodyn_cli.kernels.series.rules import Series
 
 FLAT = frozenset({"sign", "round", "table"})  # slopes are zero but for jumps; of tables those of degree 0
 KINKED = frozenset({"where", "min", "max", "abs"})
+TOGETHER = 8  # sums of one loop: as many as keep two units busy that take four cycles for each term
 
 
-class Factor(NamedTuple):
-    """Coefficient ``order`` of a series, or that many times it: that of its rate."""
+class SeriesColumn(NamedTuple):
+    """Coefficients of a series, or of its rate: each times its order."""
 
     series: int
-    order: int
     of_rate: bool = False
 
 
+Pair = tuple[SeriesColumn, SeriesColumn]
+
+
+class Coefficients:
+    """Coefficients of states in memory, a row an order; of the first nq states there is one more.
+
+    columns : where in a row of ``width`` entries each state is.
+    """
+
+    def __init__(self, rows: Array, width: int, columns: Sequence[int], order: int, nq: int) -> None:
+        self.f, self.rows, self.width = rows.f, rows, width
+        self.columns, self.order, self.nq = columns, order, nq
+
+    def at(self, state: int, n: Int | int) -> Value:
+        """Return coefficient n of a state."""
+        return self.rows[n * self.width + self.columns[state]]
+
+    def along(self, h: Value) -> Iterator[tuple[Value, Value]]:
+        """Emit the value and the slope of each state at h by Horner's scheme."""
+        f, zero = self.f, self.f.constant(0.0, h.width)
+        for first in range(0, len(self.columns), TOGETHER // 2):
+            states = range(len(self.columns))[first : first + TOGETHER // 2]
+            values, slopes = (Array(f, f.slot(h.width, len(states)), h.width) for _ in range(2))
+            for k, c in enumerate(states):
+                x, slope = f.lift(self.at(c, self.order), h.width), zero
+                if c < self.nq:
+                    slope = f.lift(self.at(c, self.order + 1), h.width)
+                    x = f.muladd(slope, h, x)
+                values[k], slopes[k] = x, slope
+            with f.count(self.order, down=True) as n:
+                for k, c in enumerate(states):
+                    slopes[k] = f.muladd(slopes[k], h, values[k])
+                    values[k] = f.muladd(values[k], h, self.at(c, n))
+            for k in range(len(states)):
+                yield values[k], slopes[k]
+
+
 class Jets:
-    """Coefficients along a solution, emitted order by order in one piece of straight-line code.
+    """Coefficients along a solution, emitted as a loop over their orders.
 
     Parameters
     ----------
-    program : of the rates, outputs ``a`` (nv) and ``z``. inputs : of it at the start, as of ``lower`` or arrays in
-    memory. state : x_0 = (q, v, z), where q-dot = v.
+    series : of the rates, outputs ``a`` (nv) and ``z``. start : the value of each of its instructions. state : x_0 =
+    (q, v, z), where q-dot = v.
     """
 
     def __init__(
-        self, f: Function, program: Program, inputs: Inputs, state: Sequence[Value], nv: int, fused: bool
+        self, f: Function, series: Series, start: Sequence[Value], state: Sequence[Value], nv: int
     ) -> None:
-        self.f, self.series, self.width = f, Series.of(program), state[0].width
-        self.code = self.series.program.instructions
-        read = loaded(f, self.series.program, inputs, self.width)
-        values = values_of(f, self.series.program, read, self.width, fused)
-        # series by number: the instructions, then the states; an instruction that is a state shares its coefficients
-        self._c: list[list[Value | None]] = [[x] for x in [*values, *state]]
-        self._d: dict[Factor, Value | None] = {}
-        first, outputs = len(self.code), self.series.program.outputs
+        self.f, self.series, self.width, self.nv = f, series, state[0].width, nv
+        self.code = series.program.instructions
+        self._start = [*start, *state]  # by number: the instructions, then the states
+        first, outputs = len(self.code), series.program.outputs
+        self._states = range(first, len(self._start))
         rates: list[int | float] = [first + nv + k for k in range(nv)]
         rates += [*outputs.get("a", ()), *outputs.get("z", ())]
-        self._rate = {first + k: rate for k, rate in enumerate(rates)}  # a series, or a number
+        self._rates = dict(zip(self._states, rates))  # a series, or a number
         places = {"q": first, "v": first + nv, "z": first + 2 * nv}
-        for k, i in enumerate(self.code):
-            if i.op == "sym" and i.value[0] in places:
-                place = places[i.value[0]] + i.value[1]
-                self._c[k], self._rate[k] = self._c[place], self._rate[place]
+        # the state that an instruction is
+        self._state_of = {
+            k: places[i.value[0]] + i.value[1]
+            for k, i in enumerate(self.code)
+            if i.op == "sym" and i.value[0] in places
+        }
+        self._still = self._without_rate()
+        self._pairs = [list(map(_key, self._pairs_of(k))) for k in range(len(self.code))]
+        self._sums = _shared([pair for pairs in self._pairs for pair in pairs])
+        kept = [SeriesColumn(k) for k in self._states]
+        kept += [self._column(r) for r in rates if isinstance(r, int)]
+        kept += [column for pair in self._sums for column in pair]
+        self._places = {column: place for place, column in enumerate(dict.fromkeys(kept))}
+        # of the order at hand: coefficients, None where they are zero, sums of inner terms, the order and 1 over it
+        self._now: dict[SeriesColumn, Value | None] = {SeriesColumn(k): x for k, x in enumerate(self._start)}
+        self._inner: dict[Pair, Value | None] = {}
+        self._order, self._share = f.constant(1.0), f.constant(1.0)
         self._inverse: dict[int, Value] = {}
         self._sides: dict[int, Condition] = {}
 
-    def up_to(self, order: int) -> list[list[Value | None]]:
-        """Emit coefficients up to this order, of q one more; return those of the states, None where they are zero."""
-        for m in range(1, order):
-            for k in range(len(self.code)):
-                if k not in self._rate and not self.series.constant[k]:
-                    self._c[k].append(self._coefficient(k, m))
-        states = range(len(self.code), len(self._c))
-        return [[self.at(Factor(k, n)) for n in range(order + 1 + (self._rate[k] in states))] for k in states]
+    def up_to(self, order: int) -> Coefficients:
+        """Emit coefficients up to this order, of q one more; return those of the states."""
+        f, columns = self.f, len(self._places)
+        rows = Array(f, f.slot(self.width, columns * (order + 2)), self.width)
+        for column, place in self._places.items():
+            if not column.of_rate:
+                rows[place] = self._start[column.series]
+        self._prepare()
+        self._add_order(rows.part(columns), 1)
+        with f.count(order, start=2, step=2) as m:
+            before = rows.part((m - 1) * columns)
+            following = self._sum_inner_terms(rows, m)
+            self._now = {column: before[place] for column, place in self._places.items()}
+            self._add_order(rows.part(m * columns), m)
+            self._inner = {
+                pair: _total([total, *self._newest(rows.part(columns), pair)])
+                for pair, total in following.items()
+            }
+            self._add_order(rows.part((m + 1) * columns), m + 1)
+        before = rows.part((order - 1) * columns)
+        self._now = {column: before[place] for column, place in self._places.items()}
+        self._step_states(rows.part(order * columns), f.integer(order))
+        last = rows.part((order + 1) * columns)
+        for q in self._states[: self.nv]:
+            v = self._now[SeriesColumn(q + self.nv)]
+            last[self._places[SeriesColumn(q)]] = 0.0 if v is None else v * (1.0 / (order + 1))
+        return Coefficients(
+            rows, columns, [self._places[SeriesColumn(k)] for k in self._states], order, self.nv
+        )
 
-    # -- what is known --------------------------------------------------------------------------------
-    def at(self, x: Factor) -> Value | None:
-        """Return a coefficient, None where it is zero."""
-        if x.of_rate:
-            return self._at_rate(x)
-        own = self._c[x.series]
-        if x.order >= len(own) and x.series in self._rate:
-            for n in range(len(own), x.order + 1):
-                own.append(_scaled(self.at(Factor(x.series, n, of_rate=True)), 1.0 / n))
-        if x.order < len(own):
-            return own[x.order]
-        assert self.series.constant[x.series], "a coefficient is asked for before it is known"
-        return None
+    # -- what is summed -------------------------------------------------------------------------------
+    def _column(self, k: int, of_rate: bool = False) -> SeriesColumn:
+        return SeriesColumn(self._state_of.get(k, k), of_rate)
 
-    def _at_rate(self, x: Factor) -> Value | None:
-        if x not in self._d:
-            source = self._rate.get(x.series)
-            if source is None:
-                self._d[x] = _scaled(self.at(Factor(x.series, x.order)), float(x.order))
-            elif isinstance(source, float):
-                self._d[x] = self.f.constant(source, self.width) if x.order == 1 and source else None
+    def _without_rate(self) -> list[bool]:
+        """Return which instructions have a coefficient of order 0 alone."""
+        found: list[bool] = []
+        for k, i in enumerate(self.code):
+            if k in self.series.chains:
+                still = all(found[term.u] for term in self.series.chains[k].terms)
+            elif i.op in FLAT or i.op == "sym":
+                still = i.op in FLAT or self.series.constant[k]
             else:
-                self._d[x] = self.at(Factor(source, x.order - 1))
-        return self._d[x]
-
-    # -- rules ----------------------------------------------------------------------------------------
-    def _convolution(self, a: int, b: int, orders: range, total: int, of_rate: bool = False) -> Value | None:
-        """Return the sum of coefficients of these orders of a, or of its rate, times those of b up to a total order.
-
-        LLVM puts the terms into an order in which what is known last waits for nothing.
-        """
-        found: Value | None = None
-        for n in orders:
-            x, y = self.at(Factor(a, n, of_rate)), self.at(Factor(b, total - n))
-            if x is not None and y is not None:
-                found = _added(found, x * y)
+                still = all(found[a] for a in i.args[i.op == "where" :])
+            found.append(still)
         return found
 
-    def _coefficient(self, k: int, m: int) -> Value | None:
-        """Return coefficient m of an instruction that is neither a state nor constant."""
-        i = self.code[k]
+    def _pairs_of(self, k: int) -> list[Pair]:
+        """Return what is convolved in the coefficients of an instruction."""
+        i, still = self.code[k], self._still
+        if still[k]:
+            return []
         if k in self.series.chains:
-            return self._of_rule(k, m)
-        args = [self.at(Factor(a, m)) for a in i.args]
-        if i.op == "add":
-            return _added(*args)
-        if i.op == "sub":
-            return _subtracted(*args)
-        if i.op == "neg":
-            return _scaled(args[0], -1.0)
-        if i.op == "mul":
-            return self._of_product(i.args[0], i.args[1], m)
-        if i.op == "div":
-            top, under = args[0], i.args[1]
-            if not self.series.constant[under]:
-                top = _subtracted(top, self._convolution(under, k, range(1, m + 1), m))
-            return None if top is None else top * self._inverse_of(under)
-        if i.op in KINKED:
-            return self._on_side(k, i, args)
-        assert i.op in FLAT or i.op == "sym", i.op
-        return self.f.constant(1.0, self.width) if i.op == "sym" and m == 1 else None
+            terms, g = self.series.chains[k]
+            pairs = [
+                (self._column(u, True), self._column(w))
+                for _, w, u in terms
+                if w is not None and not still[u] and not still[w]
+            ]
+            return pairs if g is None or still[g] else [*pairs, (self._column(k, True), self._column(g))]
+        if i.op not in ("mul", "div"):
+            return []
+        a, b = i.args if i.op == "mul" else (i.args[1], k)
+        return [] if still[a] or still[b] else [(self._column(a), self._column(b))]
 
-    def _of_product(self, a: int, b: int, m: int) -> Value | None:
-        for x, y in ((a, b), (b, a)):
-            if self.series.constant[x]:
-                factor, coefficient = self._c[x][0], self.at(Factor(y, m))
-                return None if coefficient is None or factor is None else factor * coefficient
-        if a != b:
-            return self._convolution(a, b, range(m + 1), m)
-        twice = _scaled(self._convolution(a, a, range((m + 1) // 2), m), 2.0)
-        middle = self.at(Factor(a, m // 2)) if m % 2 == 0 else None
-        return twice if middle is None else _added(twice, middle * middle)
+    def _sum_inner_terms(self, rows: Array, m: Int) -> dict[Pair, Value]:
+        """Sum x_i y_{m-i} for 0 < i < m, which is all but the ends of order m; return the same of order m + 1 without
+        the terms that order m gives."""
+        f, columns, following = self.f, len(self._places), {}
+        for pairs in _parts(self._sums, TOGETHER // 2):
+            these, next_ones = ([Total(f, self.width) for _ in pairs] for _ in range(2))
+            with f.count(m, start=2) as i:
+                x, y, z = (_Row(self._places, rows.part(k * columns)) for k in (i, m - i, m - i + 1))
+                for (a, b), this, next_one in zip(pairs, these, next_ones):
+                    this.add_product(x[a], y[b])
+                    next_one.add_product(x[a], z[b])
+            x, y = (_Row(self._places, rows.part(k * columns)) for k in (1, m - 1))
+            for (a, b), this, next_one in zip(pairs, these, next_ones):
+                this.add_product(x[a], y[b])
+                self._inner[_key((a, b))] = this.value
+                following[_key((a, b))] = next_one.value
+        return following
 
-    def _of_rule(self, k: int, m: int) -> Value | None:
-        rule, total = self.series.chains[k], None
-        for term in rule.terms:
-            if term.w is None:
-                own = self.at(Factor(term.u, m, of_rate=True))
+    def _newest(self, first: Array, pair: Pair) -> list[Value]:
+        """Return the products of coefficients of order 1 with those of the order at hand."""
+        a, b = pair
+        found = [(a, b), (b, a)]
+        return [first[self._places[x]] * y for x, c in found if (y := self._at(c)) is not None]
+
+    # -- one order ------------------------------------------------------------------------------------
+    def _add_order(self, row: Array, m: Int | int) -> None:
+        """Emit coefficients m of the states and of all that moves, and keep in a row what is read later."""
+        self._step_states(row, m)
+        for k, i in enumerate(self.code):
+            if k not in self._state_of and not self._still[k]:
+                one = self.f.constant(1.0, self.width) if m == 1 else None
+                self._note(row, k, one if i.op == "sym" else self._coefficient(k))
+
+    def _step_states(self, row: Array, m: Int | int) -> None:
+        """Emit coefficients m of the states from those of their rates before, with which ``_now`` begins."""
+        f, before = self.f, self._now
+        order = f.to_double(m) if isinstance(m, Int) else f.constant(float(m))
+        self._order, self._share, self._now = order, 1.0 / order, {}
+        for k, rate in self._rates.items():
+            if isinstance(rate, float):
+                x = f.constant(rate, self.width) if m == 1 and rate else None
+            elif rate < len(self.code) and self._still[rate]:
+                x = self._start[rate] if m == 1 else None
             else:
-                own = self._convolution(term.u, term.w, range(1, m + 1), m, of_rate=True)
-            total = _subtracted(total, own) if term.s == -1.0 else _added(total, _scaled(own, term.s))
-        if rule.g is not None:
-            total = _subtracted(total, self._convolution(k, rule.g, range(1, m), m, of_rate=True))
-            total = None if total is None else total * self._inverse_of(rule.g)
-        self._d[Factor(k, m, of_rate=True)] = total
-        return _scaled(total, 1.0 / m)
+                x = before[self._column(rate)]
+            self._now[SeriesColumn(k, True)] = x
+            self._note(row, k, None if x is None else x * self._share)
 
-    def _inverse_of(self, k: int) -> Value:
-        if k not in self._inverse:
-            value = self._c[k][0]
-            assert value is not None
-            self._inverse[k] = 1.0 / value
-        return self._inverse[k]
+    def _note(self, row: Array, k: int, x: Value | None) -> None:
+        """Keep a coefficient and that of its rate, in memory as well where they are read later."""
+        self._now[SeriesColumn(k)] = x
+        for column in (SeriesColumn(k), SeriesColumn(k, True)):
+            if column in self._places:
+                value = self._at(column)
+                row[self._places[column]] = 0.0 if value is None else value
 
-    def _on_side(self, k: int, i: Instruction, args: Sequence[Value | None]) -> Value | None:
-        """Return the coefficient of the branch that is taken at the start."""
-        f, zero = self.f, self.f.constant(0.0, self.width)
-        if k not in self._sides:
-            at_start = [self._c[a][0] for a in i.args]
-            other = zero if i.op in ("abs", "where") else at_start[1]
-            assert at_start[0] is not None and other is not None
-            self._sides[k] = f.compare("olt" if i.op == "min" else "ogt", at_start[0], other)
-        a, b = args[-2:] if i.op != "abs" else (args[0], _scaled(args[0], -1.0))
-        if a is None and b is None:
-            return None
-        return f.select(self._sides[k], zero if a is None else a, zero if b is None else b)
+    def _at(self, column: SeriesColumn) -> Value | None:
+        """Return what is known of the order at hand."""
+        if column not in self._now:
+            assert column.of_rate, "a coefficient is asked for before it is known"
+            x = self._now[SeriesColumn(column.series)]
+            self._now[column] = None if x is None else x * self._order
+        return self._now[column]
+
+    # -- rules ----------------------------------------------------------------------------------------
+    def _prepare(self) -> None:
+        """Emit what is the same at all orders: inverses of divisors, and on which sides kinks are."""
+        f = self.f
+        for k, i in enumerate(self.code):
+            if self._still[k]:
+                continue
+            under = (
+                i.args[1] if i.op == "div" else self.series.chains[k].g if k in self.series.chains else None
+            )
+            if under is not None and under not in self._inverse:
+                with f.strict():  # else LLVM divides by it at each order
+                    self._inverse[under] = 1.0 / self._start[under]
+            if i.op in KINKED:
+                a, b = self._start[i.args[0]], f.constant(0.0, self.width)
+                if i.op in ("min", "max"):
+                    b = self._start[i.args[1]]
+                self._sides[k] = f.compare("olt" if i.op == "min" else "ogt", a, b)
+
+    def _of(self, k: int) -> Value | None:
+        """Return the coefficient of an instruction."""
+        return None if self._still[k] else self._at(self._column(k))
+
+    def _coefficient(self, k: int) -> Value | None:
+        """Return the coefficient of an instruction that is neither a state nor still."""
+        i, zero = self.code[k], self.f.constant(0.0, self.width)
+        if k in self.series.chains:
+            return self._of_rule(k)
+        inner = [self._inner.get(pair) for pair in self._pairs[k]]
+        args = [self._of(a) for a in i.args]
+        if i.op == "mul":
+            others = [self._start[a] for a in reversed(i.args)]
+            return _total([*inner, *map(_product, args, others)])
+        if i.op == "div":
+            top, under = args
+            rest = _total([*inner, _product(under, self._start[k])])
+            return _product(_total([top, _product(rest, -1.0)]), self._inverse[i.args[1]])
+        if i.op in KINKED:
+            a, b = args[-2:] if i.op != "abs" else (args[0], _product(args[0], -1.0))
+            if a is None and b is None:
+                return None
+            return self.f.select(self._sides[k], zero if a is None else a, zero if b is None else b)
+        if i.op != "add":
+            assert i.op in ("sub", "neg"), i.op
+            args[-1] = _product(args[-1], -1.0)
+        return _total(args)
+
+    def _of_rule(self, k: int) -> Value | None:
+        terms, g = self.series.chains[k]
+        inner = iter(self._pairs[k])
+        found: list[Value | None] = []
+        for s, w, u in terms:
+            own = None if self._still[u] else self._at(self._column(u, True))
+            if w is not None:
+                own = _product(own, self._start[w])
+                if not (self._still[u] or self._still[w]):
+                    own = _total([self._inner.get(next(inner)), own])
+            found.append(_product(own, s))
+        if g is not None:
+            found += [_product(self._inner.get(pair), -1.0) for pair in inner]
+        total = _total(found)
+        if g is not None:
+            total = _product(total, self._inverse[g])
+        self._now[SeriesColumn(k, True)] = total
+        return _product(total, self._share)
 
 
-def _scaled(x: Value | None, factor: float) -> Value | None:
-    if x is None or factor == 1.0:
+class _Row(dict["SeriesColumn", Value]):
+    """Entries of a row, each loaded once."""
+
+    def __init__(self, places: Mapping[SeriesColumn, int], row: Array) -> None:
+        super().__init__()
+        self.places, self.row = places, row
+
+    def __missing__(self, column: SeriesColumn) -> Value:
+        self[column] = self.row[self.places[column]]
+        return self[column]
+
+
+def _key(pair: Pair) -> Pair:
+    """Return two columns in the order in which their sum is known: it is that of the other order, too."""
+    x, y = pair
+    return (x, y) if x <= y else (y, x)
+
+
+def _product(x: Value | None, factor: Value | float) -> Value | None:
+    if x is None or (isinstance(factor, float) and factor == 1.0):
         return x
-    return -x if factor == -1.0 else x * factor
+    return -x if isinstance(factor, float) and factor == -1.0 else x * factor
 
 
-def _added(x: Value | None, y: Value | None) -> Value | None:
-    return y if x is None else x if y is None else x + y
+def _total(terms: Sequence[Value | None]) -> Value | None:
+    """Return the sum of what is not zero."""
+    found = [x for x in terms if x is not None]
+    return sum(found[1:], start=found[0]) if found else None
 
 
-def _subtracted(x: Value | None, y: Value | None) -> Value | None:
-    return x if y is None else -y if x is None else x - y
+def _parts(pairs: Sequence[Pair], most: int) -> Iterator[Sequence[Pair]]:
+    """Return pairs in parts of about the same size."""
+    count = -(-len(pairs) // most)
+    for k in range(count):
+        yield pairs[k * len(pairs) // count : (k + 1) * len(pairs) // count]
+
+
+def _shared(pairs: Sequence[Pair]) -> list[Pair]:
+    """Return pairs, each once, in an order and with sides in which neighbours share columns: these are loaded once."""
+    once = dict.fromkeys(pairs)
+    used = Counter(column for pair in once for column in pair)
+    sided = [max((x, y), (y, x), key=lambda pair: (used[pair[0]], pair)) for x, y in once]
+    return sorted(sided, key=lambda pair: (-used[pair[0]], pair))

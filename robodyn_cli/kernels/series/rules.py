@@ -72,15 +72,15 @@ class Series:
         ]
         return len(moving) * order + sum(map(self._convolutions, moving)) * 0.5 * order**2
 
-    def _convolutions(self, k: int) -> float:
-        """Return how many convolutions an instruction takes, a square half of one."""
+    def _convolutions(self, k: int) -> int:
+        """Return how many convolutions an instruction takes."""
         if k in self.chains:
             terms, g = self.chains[k]
             return sum(t.w is not None for t in terms) + (g is not None)
         i = self.program.instructions[k]
         if i.op == "mul" and not any(self.constant[a] for a in i.args):
-            return 0.5 if i.args[0] == i.args[1] else 1.0
-        return float(i.op == "div" and not self.constant[i.args[1]])
+            return 1
+        return int(i.op == "div" and not self.constant[i.args[1]])
 
 
 class _Expansion:
