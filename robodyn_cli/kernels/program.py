@@ -122,7 +122,14 @@ class _Collected:
         self._read: dict[int, int] = {}  # instructions by identity of the number
         place, add = self._place, self.instructions.append
         for node in nodes:
-            op, args, value = node.op, node.args, node.value
+            op, args = node.op, node.args
+            if len(args) == 2:  # most have, and no value
+                first, second = args
+                given = place[first.index], place[second.index]
+                place[node.index] = len(self.instructions)
+                add(tuple.__new__(Instruction, (op, given, None)))  # a call of the class takes twice as long
+                continue
+            value = node.value
             if op == "const" and isinstance(value, Fixed):
                 place[node.index] = self._number(value)
                 continue
@@ -133,11 +140,7 @@ class _Collected:
                 value = (len(self.numbers), len(knots), len(rows) - 1, held is not None)
                 self.numbers += [*knots, *(x for row in rows for x in row), *(held or ())]
             place[node.index] = len(self.instructions)
-            if len(args) == 2:  # most have; a list is made in twice the time
-                first, second = args
-                add(Instruction(op, (place[first.index], place[second.index]), value))
-            else:
-                add(Instruction(op, tuple([place[a.index] for a in args]), value))
+            add(Instruction(op, tuple([place[a.index] for a in args]), value))
 
     def entry(self, e: Scalar) -> int | float:
         if isinstance(e, Expr):
