@@ -11,12 +11,17 @@ import pytest
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, module
 from robodyn_cli.kernels.lower import Programs, call_program, lower, outline
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from tests.kernels import WIDTHS
+from tests.systems import pendulums
 
 RNG = np.random.default_rng(11)
 
@@ -76,3 +81,19 @@ def test_called_and_written_in_place_agree(width: int, fused: bool) -> None:
     ]
     np.testing.assert_allclose(results[0][:4], expected, rtol=1e-14, atol=1e-15)
     assert (results[0][4] == -99.0).all(), "an empty output writes nothing"
+
+
+@pytest.mark.parametrize("method", ["gauss", "dop853"])
+def test_where_rates_are_a_call_velocities_are_a_loop(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each further velocity is some lines around the call, not a copy of the step; the motion is the same."""
+    monkeypatch.setattr("robodyn_cli.kernels.lower.INLINE_LIMIT", 0)
+    monkeypatch.setenv("ROBODYN_CACHE", "off")  # code written with this limit is not kept
+    monkeypatch.setattr("robodyn_cli.kernels.compiler._loaded", {})
+    cases = [pendulums(*(0.2 * (k + 1) for k in range(n))) for n in (4, 8)]
+    lines = [write_run(case.system, methods[method], Programs(True)).count("\n") for case in cases]
+    assert lines[1] - lines[0] < 4 * 100  # copies: 700 and more
+    case = cases[0]
+    integrator = Integrator(case.system, method)
+    integrator.reset(0.0, case.start, Options(1e-11, 1e-13))
+    integrator.advance(case.end)
+    np.testing.assert_allclose(integrator.state, case.exact(np.array([case.end]))[0], atol=1e-9)
