@@ -204,10 +204,15 @@ class System:
         """Return the inputs of kernels at one state (nx,), with these parameters beside those of the partition."""
         return self.groups(np.array([[t]]), x[None, :], self.parameters_at(t, self.split(x)[0], p))
 
-    def watched_by(self, owner_of: Callable[[EventFunction], Owner | None]) -> System:
-        """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""
+    def watched_by(self, owner_of: Callable[[EventFunction], Owner | None], every: bool = False) -> System:
+        """Return the system with other owners of its events, without those that ``owner_of`` gives none for.
+
+        every : those stay, too: steps end at them, and the compiled code is that of this system.
+        """
         owners = [(e, owner_of(e)) for e in self.events]
-        events = tuple(dataclasses.replace(e, owner=owner) for e, owner in owners if owner is not None)
+        events = tuple(
+            dataclasses.replace(e, owner=owner) for e, owner in owners if every or owner is not None
+        )
         system = dataclasses.replace(self, events=events)
         # what is built already and does not depend on the events
         kept = EVENT_FREE if len(events) < len(self.events) else (*EVENT_FREE, "switching")

@@ -105,15 +105,18 @@ class SecondFailed(Exception):
         self.how, self.message = how, cause.message
 
 
-def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
-    """Return the system and the watchers of a second integration: those of events that change the motion."""
+def watched_again(motion: Motion, every: bool = False) -> tuple[System, list[Watcher]]:
+    """Return the system and the watchers of a second integration: those of events that change the motion.
+
+    every : see ``System.watched_by``.
+    """
     twins = {id(w): w.again() for w in motion.watchers}
 
     def owner_of(function: EventFunction) -> Owner | None:
         owner = function.owner
         return None if owner is None else twins[id(owner)] if id(owner) in twins else owner.again()
 
-    system = motion.system.watched_by(owner_of)
+    system = motion.system.watched_by(owner_of, every)
     return system, [twin for twin in twins.values() if twin is not None]
 
 
@@ -124,12 +127,10 @@ def driver_again(
     begun, updates = first.beginning, motion.system.updates
     # a function in Python that controls starts anew, too
     calls = updates is not None and updates.function is not None and begun.time == 0.0
-    system, watchers = watched_again(motion)
-    watch = bool(system.events)
-    # without anything to watch the compiled code of the first run serves
-    driver = Driver(
-        system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
-    )
+    # with every event, whoever watches it, the compiled code of the first run serves
+    system, watchers = watched_again(motion, every=True)
+    watch = any(e.owner is not None for e in system.events)
+    driver = Driver(system, first.method, options, watchers, supervisor_for(motion.choice))
     state = begun.state if first.start is None else first.start
     return driver, lambda: driver.start(begun.time, motion.start if calls else state), watch
 

@@ -90,6 +90,12 @@ def test_a_second_run_watches_what_changes_the_motion_and_no_more() -> None:
     assert isinstance(first, ContactStates) and isinstance(second, ContactStates) and second is not first
     assert [e.kind for e in again.events] == [e.kind for e in bouncing.system.events]
     assert all((e.owner is second) == (e.kind is EventKind.CONTACT) for e in again.events)
+    # with every event the code is that of the first run, whoever watches
+    both = build_motion(load_scene(CONFIGS / "bouncing_pendulum.yaml", ["robot.joints.0.limits={upper: 3}"]))
+    kinds = [e.kind for e in both.system.events]
+    assert len(watched_again(both)[0].events) < len(kinds)
+    every, _ = watched_again(both, every=True)
+    assert [e.kind for e in every.events] == kinds and every.digest == both.system.digest
     # a joint rests where its next bounce is below the tolerance: that of the run, not of the first one
     tight = dataclasses.replace(bouncing.options, rtol=1e-13)
     Driver(again, "gauss", tight, watchers).start(0.0, bouncing.start)

@@ -265,7 +265,8 @@ class Integrator:
                 continue
             # a re-partition does not change the motion
             self.events_seen += event.function.kind is not EventKind.REPARTITION
-            noted = self.met is not None and event.function.kind is not EventKind.REPARTITION
+            owned = event.function.owner is not None
+            noted = self.met is not None and owned and event.function.kind is not EventKind.REPARTITION
             before = (self.state, self.p.copy()) if noted else None
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
             if outcome.ends:
