@@ -259,3 +259,18 @@ def test_runs_in_lanes_are_those_of_the_scalar_loop() -> None:
     for k in (0, 10):
         alone = simulate(load_scene_text(scene, overrides=[f"robot.links.l0.mass={masses[k, 0]}"]))
         assert np.abs(together.q[k] - alone["q"][-1]).max() <= together.q_error[k].max() + 1e-9
+
+
+def test_the_bits_of_a_run_do_not_depend_on_those_beside_it() -> None:
+    """Where one lane begins anew the others go on with what they have, not with the same from other code."""
+    texts = (random_scene(np.random.default_rng(seed), "taylor12") for seed in range(30))
+    scene = next(text for text in texts if "sin(3*t)" in text)
+    mechanism = Mechanism(load_scene_text(scene), ["robot.links.l0.mass"])
+    masses = np.linspace(1.0, 3.0, 23)[:, None]
+    together = mechanism.simulate_many(masses)
+    assert together.ok.all() and not together.one_by_one.any()
+    for k in (0, 9, 15, 22):
+        alone = mechanism.simulate_many(masses[k : k + 1])
+        np.testing.assert_array_equal(
+            np.hstack([alone.q, alone.qd])[0], np.hstack([together.q, together.qd])[k]
+        )

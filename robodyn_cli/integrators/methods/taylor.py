@@ -16,7 +16,7 @@ from robodyn_cli.integrators.stepping.control import StepAttempt, StepController
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import LONG, Writer
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import Block, Value
+from robodyn_cli.kernels.ir import Block, Condition, Value
 from robodyn_cli.kernels.lower import loaded, values_of
 from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
 from robodyn_cli.kernels.series.jets import Coefficients, Jets
@@ -78,7 +78,7 @@ class TaylorStepper(Stepper[Coefficients]):
         """Emit the coefficients; return the step at whose end the last two are so far below the tolerance."""
         f, w, order = self.f, self.w, self.method.order
         with f.when(f.compare_int("eq", f.load_int(w.integer_at(IntegerSlot.RATE_KNOWN)), 0)):
-            self._evaluate(t, w.state)
+            self._evaluate(t, w.state, w.begins_anew())
         w.count(IntegerSlot.EVALUATIONS, order - 1)  # a coefficient of the rates counts as one
         state = [w.state[k] for k in range(w.system.size)]
         start = [self.values[k] for k in range(len(self.series.program.instructions))]
@@ -105,13 +105,16 @@ class TaylorStepper(Stepper[Coefficients]):
             total = self.f.muladd(e, e, total)
         return total * (1.0 / max(len(self.weights), 1))
 
-    def _evaluate(self, t: Value, x: Array) -> None:
-        """Emit the value of each instruction at a state, and keep it in memory."""
+    def _evaluate(self, t: Value, x: Array, where: Condition | None = None) -> None:
+        """Emit the value of each instruction at a state, and keep it in memory; where : in which lanes, None: in all.
+
+        Other lanes keep theirs to the bit: what a run comes to does not depend on those beside it.
+        """
         f, w, program = self.f, self.w, self.series.program
-        w.count(IntegerSlot.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS, where=where)
         inputs = loaded(f, program, w.inputs(w.system.dynamics.program, t, x), w.width)
         for k, value in enumerate(values_of(f, program, inputs, w.width, w.programs.fused)):
-            self.values[k] = value
+            self.values[k] = value if where is None else f.select(where, value, self.values[k])
 
     def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Coefficients]:
         f, w, s = self.f, self.w, self.w.system

@@ -91,9 +91,16 @@ class LaneWriter(Writer):
         """Return room for what a step notes: whether the rate is known, which no lane says of all."""
         return self._integer
 
-    def count(self, place: int, by: int = 1) -> None:
+    def count(self, place: int, by: int = 1, where: Condition | None = None) -> None:
         if place == IntegerSlot.EVALUATIONS:
-            self.slots[EVALUATIONS] = self.slots[EVALUATIONS] + float(by)
+            more = self.f.constant(float(by), self.width)
+            if where is not None:
+                more = self.f.select(where, more, self.f.constant(0.0, self.width))
+            self.slots[EVALUATIONS] = self.slots[EVALUATIONS] + more
+
+    def begins_anew(self) -> Condition:
+        tried = self.slots[ACCEPTED] + self.slots[REJECTED]
+        return self.rejected_before() | self.f.compare("oeq", tried, 0.0)
 
     def rejected_before(self) -> Condition:
         return self.f.compare("ogt", self.slots[IN_ROW], 0.0)

@@ -186,8 +186,13 @@ class Writer:
     def put(self, place: int, value: Value | float) -> None:
         self.f.store(value, self.double_at(place))
 
-    def count(self, place: int, by: int = 1) -> None:
+    def count(self, place: int, by: int = 1, where: Condition | None = None) -> None:
+        """Add to a count; where : of which of the runs that are made side by side."""
         self.f.bump(self.integer_at(place), by)
+
+    def begins_anew(self) -> Condition | None:
+        """Return which of the runs that are made side by side begin or try a step again; None: it is one run."""
+        return None
 
     def rejected_before(self) -> Condition:
         """Return whether the step has been tried before, and rejected."""
