@@ -244,6 +244,7 @@ COMMANDS: dict[str, Command] = {
         run="works.statics:statics",
         check="over.checks:statics",
         summary=("mechanism:StaticsSummary",),
+        headlines=("configuration.JOINT", "torques_of_joints.JOINT"),
         batch="over.many.rest.statics:StaticsRuns",
         slopes="over.sensitivity.statics:StaticsSlopes",
         plots=STILL,

@@ -138,6 +138,11 @@ def _changes(patterns: int, samples: int) -> Array:
     return noise
 
 
+def more_changes(count: int) -> Array:
+    """Return changes as those of numbers and results for what is not computed by a graph (draw, count)."""
+    return _changes(PATTERNS + count, 1)[PATTERNS:, 1:, 0].T
+
+
 def largest_difference(draws: Array) -> float | None:
     """Return how far draws (draw, ...) of a figure lie from draw 0 at most; None if not finite."""
     largest = float(largest_differences(draws[None])[0])

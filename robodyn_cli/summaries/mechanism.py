@@ -215,8 +215,8 @@ class Balanced:
         "N m/rad or N/m",
         errors=("equilibrium.stiffness_error",),
     )
-    stiffness_error: float = fact(
-        "of these eigenvalues: by the distance from the balance that is left, and by rounding",
+    stiffness_error: float | None = fact(
+        "of these eigenvalues: by the error of the configuration, and by rounding",
         "N m/rad or N/m",
     )
     residual: float = fact("force that is left", LOAD, errors=None)
@@ -225,6 +225,7 @@ class Balanced:
         "torques that keep joints in `initial.hold` and prescribed ones where they are, beside those of the scene: the "
         "pose is a balance with these alone",
         LOAD,
+        errors=("error_estimate.holding.JOINT",),
     )
 
 
@@ -239,10 +240,15 @@ class Held:
 
 
 @record
-class ForceResidual:
-    """The error estimate of a static analysis."""
+class StaticsErrors:
+    """How far a configuration at rest may be off: what residuals and rounding make of it; `null` where rounding decides
+    whether actuators hold it. Where nothing decides between configurations the errors are those of the nearest."""
 
-    force_residual: float = fact("force that is left", LOAD)
+    force_residual: float = fact("force that is left", LOAD, errors=None)
+    configuration: dict[str, float | None] = fact("of the joint positions", OWN)
+    torques_of_joints: dict[str, float | None] = fact("of the torques", LOAD)
+    holding: dict[str, float | None] | Absent = fact("of the torques that keep joints in place", LOAD)
+    multipliers: dict[str, float | None] | Absent = fact("of the multipliers", "N or N m", names=ROW)
 
 
 @record
@@ -252,17 +258,23 @@ class StaticsSummary:
     termination: Termination = fact("how the run ended")
     mobility: Mobility | Absent = fact("degrees of freedom, with loops")
     warnings: list[str] | Absent = fact("joints beyond their limits; printed too")
-    multipliers: dict[str, float] | Absent = fact("of the loops' rows", "N or N m", names=ROW)
+    multipliers: dict[str, float] | Absent = fact(
+        "of the loops' rows, of least norm where rows depend on each other", "N or N m", names=ROW,
+        errors=("error_estimate.multipliers.ROW",),
+    )  # fmt: skip
     constraint_residual: LoopResidual | Absent = fact("with loops", errors=None)
     samples: int = fact("number of samples: 1")
     find: str = fact("what was asked for: `balance` or `hold`")
-    configuration: dict[str, float] = fact("joint positions", OWN, column="position")
+    configuration: dict[str, float] = fact(
+        "joint positions", OWN, errors=("error_estimate.configuration.JOINT",), column="position"
+    )
     units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
     torques_of_joints: dict[str, float] = fact(
-        "torques of actuators, and what holds joints in place", LOAD, column="torque"
-    )
+        "torques of actuators, and what holds joints in place",
+        LOAD, errors=("error_estimate.torques_of_joints.JOINT",), column="torque",
+    )  # fmt: skip
     equilibrium: Balanced | Held = fact("of a balance, or of a configuration that is held")
-    error_estimate: ForceResidual = fact("what is out of balance", errors=None)
+    error_estimate: StaticsErrors = fact("estimated errors")
     reactions: PeakLoads | Absent = fact("loads of joints and closures, where asked for")
 
 

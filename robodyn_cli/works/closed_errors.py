@@ -7,14 +7,15 @@ them. The largest of a few changes, times ``SAFETY``, is the error. The changes 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.loop_conditions import LoopConditions
-from robodyn_cli.observe.rounding import ENLARGED, Rounded
+from robodyn_cli.observe.rounding import DRAWS, ENLARGED, Rounded
 from robodyn_cli.solve.closing.rates import RatesByLoops
 from robodyn_cli.spatial.algebra import Array
 
@@ -35,13 +36,13 @@ class ErrorsOfClosing:
         self._here, self._moving = conditions.entries()
 
     @cached_property
-    def _of_values(self) -> _Noise:
-        return _Noise(self._here[: len(self.conditions.names)])
+    def _of_values(self) -> Noise:
+        return Noise(self._here[: len(self.conditions.names)])
 
     def of_positions(self, q: Array, free: Sequence[int]) -> Array:
         """Return the errors (nq,) of a configuration whose free velocity coordinates closed the loops."""
         F, J = self.conditions.at(q, 0.0)
-        rounded = ENLARGED * F + self._of_values(q, np.zeros(self.conditions.model.nv))
+        rounded = ENLARGED * F + self._of_values(_one(q, np.zeros(self.conditions.model.nv)))
         return _largest([self._moved(q, J, x, free) - q for x in rounded])
 
     def of_state(self, q: Array, v: Array, a: Array, rule: RatesByLoops) -> tuple[Array, Array, Array]:
@@ -50,7 +51,7 @@ class ErrorsOfClosing:
         m, nv = J.shape
         free = [k for k in range(nv) if k not in rule.hold]
         off: list[tuple[Array, Array, Array]] = []
-        for x in _Noise([*self._here, *self._moving])(q, v):
+        for x in Noise([*self._here, *self._moving])(_one(q, v)):
             eta, dJ, eta_t, gamma = np.split(x, np.cumsum([m, m * nv, m]))
             there = self._moved(q, J, ENLARGED * F + eta, free)
             J_there = self.conditions.at(there, 0.0)[1] + dJ.reshape(m, nv)
@@ -68,18 +69,27 @@ class ErrorsOfClosing:
         return self.conditions.step(q, dq)
 
 
-class _Noise:
-    """What rounding changes of expressions (n,), at one state: (draw, n), enlarged."""
+class Noise:
+    """What rounding changes of expressions, enlarged: (draw, n) at one state, (run, draw, n) at those of runs."""
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
         self._varying = [k for k, x in enumerate(outputs) if isinstance(x, Expr)]
         self._count, self._rounded = len(outputs), Rounded([outputs[k] for k in self._varying])
 
-    def __call__(self, q: Array, v: Array) -> Array:
-        drawn = self._rounded({"t": np.zeros((1, 1)), "q": q[None], "v": v[None]})[:, 0]
-        noise = np.zeros((len(drawn) - 1, self._count))
-        noise[:, self._varying] = drawn[1:] - drawn[:1]
+    def __call__(self, inputs: Mapping[str, Array], runs: ManyNumbers | None = None) -> Array:
+        """Return it at inputs of one sample by group, see ``Rounded``."""
+        if not self._varying:
+            many = next(iter(inputs.values())).shape[:-2]
+            return np.zeros((*many, DRAWS, self._count))
+        drawn = self._rounded(inputs, runs)[..., 0, :]
+        changes = drawn[..., 1:, :] - drawn[..., :1, :]
+        noise = np.zeros((*changes.shape[:-1], self._count))
+        noise[..., self._varying] = changes
         return noise
+
+
+def _one(q: Array, v: Array) -> dict[str, Array]:
+    return {"t": np.zeros((1, 1)), "q": q[None], "v": v[None]}
 
 
 def _largest(changes: Sequence[Array]) -> Array:

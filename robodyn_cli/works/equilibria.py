@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,9 +24,10 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.closing.balance import Balance, balance
 from robodyn_cli.solve.closure import CLOSED, CUT, RANK, Numbers, newton, rank_tolerances
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, rounded_up
-from robodyn_cli.summaries.mechanism import Balanced, Held
+from robodyn_cli.summaries.facts import rounded_up
+from robodyn_cli.summaries.mechanism import Held
 from robodyn_cli.trajectories.led import led_joints, position_columns
+from robodyn_cli.works.rest.terms import RestTerms, SingleRest
 
 STARTS = 12  # within the limits of the joints, where the balance that is reached first is not
 
@@ -34,17 +36,20 @@ STARTS = 12  # within the limits of the joints, where the balance that is reache
 class AtRest:
     """A configuration at rest with the torques (nv,) and the multipliers (m,) of the loops that hold it.
 
-    terms : the torques (nv,) by term, where actuators hold it. starts : within the limits of the joints, of which none
-    led to a balance within them.
+    facts : the balance, or how actuators hold it. holding : torques that keep joints in place. terms : the torques
+    (nv,) by term, where actuators hold it. starts : within the limits of the joints, of which none led to a balance
+    within them. near : the run, whose errors are asked for.
     """
 
     problem: Problem
     q: Array
     tau: Array
     lam: Array
-    facts: Balanced | Held
+    facts: Balance | Held
+    holding: Mapping[str, float]
     terms: Mapping[str, Array]
     starts: int = 0
+    near: SingleRest | None = None
 
 
 def refuse_unknown(entries: Sequence[Scalar]) -> None:
@@ -131,6 +136,14 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
     forces = RestForces(problem, conditions)
     tolerance = float(rank_tolerances(problem.model, gap_at(problem, q)))
+    terms = RestTerms(
+        conditions,
+        forces.entries,
+        list(problem.actuator_torques),
+        forces.slopes,
+        (forces.parameters, problem.at_start),
+    )
+    near = SingleRest(conditions, forces, tolerance, problem, terms)
     rest, starts = balance(conditions, forces, q, tolerance), 0
     if rest.converged and not is_within(problem, rest.q):
         within = _balances_within(problem, conditions, forces, q, tolerance)
@@ -143,7 +156,8 @@ def balanced(problem: Problem, q: Array) -> AtRest:
             residual=rest.residual, q=rest.q.tolist(),
         )  # fmt: skip
     _, J = conditions.at(rest.q, 0.0)
-    return at_balance(problem, rest, problem.numbers(problem.actuator_torques, rest.q), J, starts)
+    state = at_balance(problem, rest, problem.numbers(problem.actuator_torques, rest.q), J)
+    return dataclasses.replace(state, starts=starts, near=near)
 
 
 def gap_at(problem: Problem, q: Array) -> float:
@@ -152,16 +166,18 @@ def gap_at(problem: Problem, q: Array) -> float:
     return float(np.abs(eta).max(initial=0.0))
 
 
-def at_balance(problem: Problem, rest: Balance, tau: Array, J: Array, starts: int = 0) -> AtRest:
-    """Return a balance with what holds joints in place.
+def at_balance(problem: Problem, rest: Balance, tau: Array, J: Array) -> AtRest:
+    """Return a balance with what holds joints in place. tau : of the scene (nv,). J : of all conditions (m, nv)."""
+    staying = rows_that_stay(problem, len(J))
+    needed = J[staying].T @ rest.lam[staying]
+    holding = {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)}
+    return AtRest(problem, rest.q, tau + needed, rest.lam[problem.constraints.of_loops], rest, holding, {})
 
-    tau : of the scene (nv,). J : of all conditions (m, nv). starts : from which none was found within the limits.
-    """
+
+def rows_that_stay(problem: Problem, rows: int) -> list[int]:
+    """Return which of all rows of a balance keep joints in place: those that are not of loops."""
     loops = problem.constraints.of_loops
-    holding = [i for i in range(len(J)) if i not in loops]
-    needed = J[holding].T @ rest.lam[holding]
-    facts = _described(rest, {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)})
-    return AtRest(problem, rest.q, tau + needed, rest.lam[loops], facts, {}, starts)
+    return [i for i in range(rows) if i not in loops]
 
 
 def is_within(problem: Problem, q: Array) -> bool:
@@ -190,10 +206,3 @@ def _balances_within(
         if rest.converged and is_within(problem, rest.q):
             balances.append(rest)
     return balances
-
-
-def _described(rest: Balance, holding: Mapping[str, float]) -> Balanced:
-    real = bool(np.all(np.abs(rest.stiffness.imag) <= 1e-9 * np.abs(rest.stiffness).max(initial=1.0)))
-    stiffness = rest.stiffness.real.tolist() if real else [[x.real, x.imag] for x in rest.stiffness]
-    held = dict(holding) if holding else ABSENT
-    return Balanced(rest.stability, stiffness, rest.stiffness_error, rest.residual, rest.iterations, held)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,31 +12,41 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import torque_terms
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.given.loop_conditions import velocity_places
+from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.formulas import check_formulas
 from robodyn_cli.observe.joint_limits import limited_joints, warnings_at_rest
 from robodyn_cli.observe.observe import add_rows, add_sample
-from robodyn_cli.observe.reactions import Loads, loads_along
+from robodyn_cli.observe.reactions import Loads, ReactionSamples
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerances
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve import closure
 from robodyn_cli.solve.closing.assembly import Assembled, assemble
+from robodyn_cli.solve.closing.balance import Balance
 from robodyn_cli.solve.load_sharing import LostRank, Shared, Unbalanced, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
-from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, PeakLoads, Termination
-from robodyn_cli.summaries.mechanism import ForceResidual, Held, StaticsSummary
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, PeakLoad, PeakLoads, Termination
+from robodyn_cli.summaries.mechanism import Balanced, Held, StaticsErrors, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank, unbalanced
 from robodyn_cli.trajectories.led import led_joints, position_columns
-from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.equilibria import AtRest, balanced, gap_at, refuse_unknown
+from robodyn_cli.works.equilibria import (
+    AtRest,
+    balanced,
+    gap_at,
+    refuse_unknown,
+    rows_that_stay,
+    staying_places,
+)
+from robodyn_cli.works.rest.errors import ErrorsOfBalances, ErrorsOfHolding, OffAtRest, with_errors
+from robodyn_cli.works.rest.terms import NearRest, RestTerms, RoundedLoads, SingleRest
 
 
 def held(problem: Problem, q: Array) -> AtRest:
@@ -80,7 +90,7 @@ def held_by_actuators(
     )
     facts = Held(list(names), *shared.uniqueness, shared.residual)
     split = {name: term[0] for name, term in shared.terms.items()}
-    return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)
+    return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, {}, split)
 
 
 def holding_joints(problem: Problem) -> tuple[str, ...]:
@@ -142,11 +152,11 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     watch = watch or Stopwatch()
     state = rest_of(scene, watch)
     with watch.stage("evaluate"):
-        loads = loads_at_rest(state) if scene.outputs.reactions else None
+        off = errors_of(state)
+        loads, peaks = loads_at_rest(state, off) if scene.outputs.reactions else (None, ABSENT)
     progress(0.0, 0.0)
     result = report(state, loads)
-    peaks = ABSENT if loads is None else loads.summary(())
-    result.summarise(summarise(state, peaks), seconds=watch.report())
+    result.summarise(summarise(state, off, peaks), seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -206,12 +216,70 @@ def refuse_beyond_stops(problem: Problem, q: Array) -> None:
                 )
 
 
-def loads_at_rest(state: AtRest) -> Loads:
-    """Return forces and moments in joints and closures."""
-    problem, still = state.problem, np.zeros((1, state.problem.model.nv))
-    lam = np.zeros((1, len(problem.constraints.rows)))
-    lam[0, problem.constraints.of_loops] = state.lam
-    return loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
+def errors_of(state: AtRest) -> OffAtRest | None:
+    """Return the errors of a configuration at rest; None where rounding decides whether actuators hold it."""
+    problem = state.problem
+    if state.near is not None:
+        staying = rows_that_stay(problem, len(state.near.conditions.names))
+        return ErrorsOfBalances(state.near, staying)(state.q[None])[0]
+    conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
+    tolerance = float(closure.rank_tolerances(problem.model, gap_at(problem, state.q)))
+    terms = terms_that_hold(problem, conditions)
+    near = SingleRest(conditions, _Needed(problem, terms.load), tolerance, problem, terms)
+    return errors_of_holding(problem, near)(state.q[None], state.lam[None], state.tau[None])[0]
+
+
+@record
+class _Needed:
+    """The forces that actuators and loops must give at rest."""
+
+    problem: Problem
+    entries: Sequence[Scalar]
+
+    def load(self, q: Array) -> Array:
+        return self.problem.numbers(list(self.entries), q)
+
+    def stiffness(self, q: Array, lam: Array) -> Array:
+        raise NotImplementedError  # it decides nothing where actuators hold
+
+
+def terms_that_hold(problem: Problem, conditions: LoopConditions) -> RestTerms:
+    """Return the terms of a configuration that actuators hold, whose torques in the scene are ignored."""
+    none, p = [0.0] * problem.model.nv, problem.at_start
+    load = [sum(parts) for parts in zip(*terms_at_rest(problem).values())] or none
+    return RestTerms(conditions, load, none, [], (p, p))
+
+
+def errors_of_holding(problem: Problem, near: NearRest) -> ErrorsOfHolding:
+    """Return what tells the errors of configurations that actuators hold."""
+    model, stays = problem.model, staying_places(problem)
+    free = [k for k in range(model.nv) if k not in stays]
+    loops = problem.constraints.of_loops
+    return ErrorsOfHolding(near, free, loops, velocity_places(model, holding_joints(problem)))
+
+
+def loads_at_rest(state: AtRest, off: OffAtRest | None) -> tuple[Loads, PeakLoads]:
+    """Return forces and moments in joints and closures, and the largest of them with their errors."""
+    problem, loops = state.problem, state.problem.constraints.of_loops
+    q, lam = state.q[None], np.zeros((1, len(problem.constraints.rows)))
+    lam[0, loops] = state.lam
+    if off is not None:
+        q = np.vstack([q, off.beside.q])
+        nearby = np.zeros((len(off.beside.q), lam.shape[1]))
+        nearby[:, loops] = off.beside.lam[:, loops]
+        lam = np.vstack([lam, nearby])
+    still = np.zeros((len(q), problem.model.nv))
+    samples = ReactionSamples(problem, len(q))
+    data = samples(np.zeros(len(q)), q, still, still, lam)
+    loads = Loads(samples, np.zeros(1), {path: x[:1] for path, x in data.items()})
+    largest = samples.largest(np.zeros(1), loads.data, ())
+    if off is None:
+        unknown = {x: PeakLoad(own.peak_force, own.peak_moment, None, None) for x, own in largest.items()}
+        return loads, samples.described(unknown)
+    parts = {path: data[path] for path in samples.of_parts}
+    entries = {path: samples.function.outputs[path] for path in parts}
+    rounded = RoundedLoads(entries)(q[:1], lam[:1], problem.model.nv)[0]
+    return loads, samples.described(with_errors(largest, parts, samples.names, off.beside, rounded))
 
 
 def loops_at(state: AtRest) -> tuple[Array, Array]:
@@ -256,25 +324,53 @@ def _beyond_limits(state: AtRest) -> list[str]:
 
 
 def summarise(
-    state: AtRest, loads: PeakLoads | Absent, loops: tuple[Array, Array] | None = None
+    state: AtRest,
+    off: OffAtRest | None,
+    loads: PeakLoads | Absent,
+    loops: tuple[Array, Array] | None = None,
 ) -> StaticsSummary:
-    """Return the summary of a run. loops : their eta (m,) and Psi (m, nv), where these are known."""
+    """Return the summary of a run. off : its errors. loops : their eta (m,) and Psi (m, nv), where these are known."""
     problem = state.problem
     model, find = problem.model, problem.scene.statics.find
-    rows = problem.constraints.loop_rows
+    rows, held = problem.constraints.loop_rows, list(state.holding)
+    names = [row.name for row in rows]
     eta, psi = loops or loops_at(state)
     return StaticsSummary(
         termination=Termination("balanced" if find == "balance" else "held", 0.0),
         mobility=mobility_at(state, eta, psi) if rows else ABSENT,
         warnings=_beyond_limits(state) or ABSENT,
-        multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
+        multipliers=dict(zip(names, state.lam.tolist())) if rows else ABSENT,
         constraint_residual=LoopResidual(float(np.abs(eta).max())) if rows else ABSENT,
         samples=1,
         find=find,
         configuration=dict(zip(model.q_names, state.q.tolist())),
         units=model.coordinate_units,
         torques_of_joints=dict(zip(model.v_names, state.tau.tolist())),
-        equilibrium=state.facts,
-        error_estimate=ForceResidual(state.facts.residual),
+        equilibrium=state.facts if isinstance(state.facts, Held) else _described(state, state.facts, off),
+        error_estimate=StaticsErrors(
+            state.facts.residual,
+            _by_name(model.q_names, None if off is None else off.q),
+            _by_name(model.v_names, None if off is None else off.tau),
+            _by_name(held, None if off is None else off.holding[[model.v_names.index(x) for x in held]])
+            if held
+            else ABSENT,
+            _by_name(names, None if off is None else off.lam[problem.constraints.of_loops])
+            if rows
+            else ABSENT,
+        ),
         reactions=loads,
     )
+
+
+def _by_name(names: Sequence[str], values: Array | None) -> dict[str, float | None]:
+    """Return numbers by name, None of each where there are none."""
+    return dict.fromkeys(names) if values is None else dict(zip(names, values.tolist()))
+
+
+def _described(state: AtRest, rest: Balance, off: OffAtRest | None) -> Balanced:
+    """Return what the summary says of a balance."""
+    real = bool(np.all(np.abs(rest.stiffness.imag) <= 1e-9 * np.abs(rest.stiffness).max(initial=1.0)))
+    stiffness = rest.stiffness.real.tolist() if real else [[x.real, x.imag] for x in rest.stiffness]
+    error = None if off is None else off.stiffness
+    stability, holding = rest.stability_beyond(error or 0.0), dict(state.holding) or ABSENT
+    return Balanced(stability, stiffness, error, rest.residual, rest.iterations, holding)

@@ -106,6 +106,7 @@ ROOMS = {
     "results/compare.py": RESULTS,
     "summaries": ["test_observed_figures.py", *RESULTS, "test_run_reactions.py", "test_sweep.py"],
     "works/equilibria.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
+    "works/rest": ["test_rest_errors.py", "test_many_statics.py"],
     "works/statics.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
     "works/kinematics.py": ["test_observed_figures.py", "test_run_kinematics.py", "test_units.py", "test_poses.py", "test_many_kinematics.py"],
 }  # fmt: skip

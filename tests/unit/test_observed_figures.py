@@ -202,7 +202,7 @@ def test_a_loop_that_is_open_by_so_much_at_rest() -> None:
     q = np.array([0.2, rod, 0.3 * np.cos(0.2) + 0.9 * np.cos(0.2 + rod)])
     state = held(problem, q)
     for off in (0.0, 0.01):
-        told: Any = summarise(dataclasses.replace(state, q=q + np.array([0.0, 0.0, off])), ABSENT)
+        told: Any = summarise(dataclasses.replace(state, q=q + np.array([0.0, 0.0, off])), None, ABSENT)
         assert told.constraint_residual.position == pytest.approx(off, abs=1e-15)
 
 

@@ -2,43 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
-    coordinate_table,
-    error_text,
-    holding_lines,
     mobility_lines,
     multiplier_lines,
-    number,
     stated,
 )
-from robodyn_cli.summaries.facts import LOAD, OWN, STIFFNESS
+from robodyn_cli.summaries.facts import LOAD, STIFFNESS
 
 
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of a static analysis."""
     facts = summary["equilibrium"]
     lines = [f"{summary['title']}"]
     if summary["find"] == "balance":
         lines.append(f"  balanced           {facts['stability']}{_stiffness(summary)}")
-        lines += holding_lines(facts.get("holding", {}), summary["units"])
+        lines += _holding(summary)
     else:
         lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
-    loads = ("torque or force", summary["torques_of_joints"], LOAD, 6)
-    columns = [("position", summary["configuration"], OWN, 9), loads]
-    lines.append(coordinate_table(summary["units"], columns))
+    lines += figures
     multipliers = summary.get("multipliers")
     if verbose and multipliers:
-        listed = ", ".join(f"{k} {number(x)}" for k, x in multipliers.items())
+        off = summary["error_estimate"]["multipliers"]
+        listed = ", ".join(f"{k} {stated(x, off[k])}" for k, x in multipliers.items())
         lines.append(f"  multipliers        {listed} (N or N m)")
     lines += multiplier_lines(summary)
-    lines.append(f"  residual           {error_text(facts['residual'])} N m or N")
     lines += mobility_lines(summary) if verbose else []
     return "\n".join(lines)
+
+
+def _holding(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line about torques that keep joints in place, beside those that the scene states."""
+    torques, units = summary["equilibrium"].get("holding", {}), summary["units"]
+    off = summary["error_estimate"].get("holding", {})
+    held = ", ".join(
+        f"{name} {stated(x, off[name])} {LOAD(units.get(name, ''))}" for name, x in torques.items()
+    )
+    return [f"  holding torques    {held}"] if held else []
 
 
 def _stiffness(summary: Mapping[str, Any]) -> str:

@@ -65,7 +65,7 @@ class ManyAtRest(Protocol):
 
 
 @record
-class _OneAtRest:
+class OneAtRest:
     """A single run."""
 
     conditions: Conditions
@@ -97,14 +97,12 @@ class Balance:
     """A balanced configuration.
 
     lam : multipliers of the conditions, of least norm. stiffness : eigenvalues of the reduced stiffness, smallest
-    real part first. stiffness_error : of these. residual : largest entry of N^T r. converged : whether Newton's method
-    did.
+    real part first. residual : largest entry of N^T r. converged : whether Newton's method did.
     """
 
     q: Array
     lam: Array
     stiffness: NDArray[np.complex128]
-    stiffness_error: float
     residual: float
     iterations: int
     converged: bool
@@ -112,12 +110,17 @@ class Balance:
     @property
     def stability(self) -> str:
         """``stable``, ``unstable``, ``indifferent``, or ``rigid`` where nothing can move."""
+        return self.stability_beyond(0.0)
+
+    def stability_beyond(self, error: float) -> str:
+        """Return the same where eigenvalues that are within an error of zero count as zero."""
         if not len(self.stiffness):
             return "rigid"
-        least, size = float(self.stiffness.real.min()), float(np.abs(self.stiffness).max())
-        if least > INDIFFERENT * size:
+        zero = max(error, INDIFFERENT * float(np.abs(self.stiffness).max()))
+        least = float(self.stiffness.real.min())
+        if least > zero:
             return "stable"
-        return "unstable" if least < -INDIFFERENT * size else "indifferent"
+        return "unstable" if least < -zero else "indifferent"
 
 
 @record
@@ -160,7 +163,7 @@ def balance(conditions: Conditions, forces: Forces, q: Array, tolerance: float =
 
     tolerance : see ``ManyAtRest``.
     """
-    return balances(_OneAtRest(conditions, forces, tolerance), q[None])[0]
+    return balances(OneAtRest(conditions, forces, tolerance), q[None])[0]
 
 
 def balances(rest: ManyAtRest, q: Array, most: int = ITERATIONS) -> list[Balance]:
@@ -195,37 +198,16 @@ def balances(rest: ManyAtRest, q: Array, most: int = ITERATIONS) -> list[Balance
         here = here.put(going, there)
         converged |= idle | (going & (after >= before) & (length < 1e-9))
         going &= ~converged
-    values = _eigenvalues(here.reduced(rest))
-    off, left = _stiffness_errors(rest, here, values), np.abs(here.free).max(axis=1, initial=0.0)
-    ends = zip(here.q, here.lam, values, off.tolist(), left.tolist(), count.tolist(), converged.tolist())
+    values = eigenvalues(here.reduced(rest))
+    left = np.abs(here.free).max(axis=1, initial=0.0)
+    ends = zip(here.q, here.lam, values, left.tolist(), count.tolist(), converged.tolist())
     return [Balance(*end) for end in ends]
 
 
-def _eigenvalues(K: Array) -> NDArray[np.complex128]:
+def eigenvalues(K: Array) -> NDArray[np.complex128]:
     """Return the eigenvalues of K (R, f, f), smallest real part first."""
     values = np.linalg.eigvals(_finite(K)) if K.size else np.zeros(K.shape[:2])
     return np.take_along_axis(values, np.argsort(values.real, axis=1), axis=1).astype(complex)
-
-
-def _stiffness_errors(rest: ManyAtRest, here: _Here, values: NDArray[np.complex128]) -> Array:
-    """Return how far eigenvalues (R, f) may be off (R,): by their slopes along each freedom over the step that is left
-    of Newton's method, and by rounding of the forces in play and of the largest of them.
-    """
-    if not here.N.shape[2]:
-        return np.zeros(len(values))
-    scale, slopes = rest.lengths, np.zeros(len(values))
-    for k in range(here.N.shape[2]):
-        way = here.N[:, :, k] / np.abs(here.N[:, :, k] / scale).max(axis=1, initial=1e-300)[:, None]
-        there = _at(rest, rest.moved(here.q, NEARBY * way)[0], here)
-        beside = _eigenvalues(there.reduced(rest))
-        # of pairs that are conjugate either may come first
-        for x, y in ((beside.real, values.real), (np.abs(beside.imag), np.abs(values.imag))):
-            slopes += np.abs(np.sort(x, axis=1) - np.sort(y, axis=1)).max(axis=1) / NEARBY
-    left = np.abs(here.along(_downhill(here.reduced(rest), here.free)) / scale).max(axis=1)
-    play = np.abs(here.carried * scale).max(axis=1) * np.square(here.N / scale[:, None]).sum(axis=1).max(
-        axis=1
-    )
-    return slopes * (np.nan_to_num(left) + BALANCED) + LEFT * (play + np.abs(values).max(axis=1))
 
 
 def _stepped(rest: ManyAtRest, here: _Here, step: Array, waiting: Which) -> tuple[Array, _Here, Which]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.equations.contact_joints import contact_joints, moving_freely
+from robodyn_cli.equations.contact_joints import contact_joints
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import witnessed
@@ -20,6 +20,7 @@ from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.observe.reactions import REACTION_GROUPS, ReactionSamples, figures_of_runs
+from robodyn_cli.observe.rounding import DRAWS
 from robodyn_cli.over.batch.criteria import lookup
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, error_of, number_of
 from robodyn_cli.over.many.groups import Built, first_of
@@ -36,14 +37,26 @@ from robodyn_cli.solve.closure import RANK, newton_of_many
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.summaries.keys import leaf_of
-from robodyn_cli.works.equilibria import AtRest, RestForces, at_balance, is_within, load_at_rest, staying
+from robodyn_cli.works.equilibria import (
+    AtRest,
+    RestForces,
+    at_balance,
+    is_within,
+    load_at_rest,
+    rows_that_stay,
+    staying,
+)
+from robodyn_cli.works.rest.errors import ErrorsOfBalances, OffAtRest, with_errors
+from robodyn_cli.works.rest.terms import ForcesAtRest, RestTerms, RoundedLoads
 from robodyn_cli.works.statics import (
     assembled_at_rest,
+    errors_of_holding,
     held_by_actuators,
     problem_of,
     statics,
     summarise,
     terms_at_rest,
+    terms_that_hold,
 )
 
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
@@ -51,8 +64,8 @@ STEPS = 60  # to a balance; runs that need more are left to the command
 WEAK = 1e-9  # part of the largest stiffness below which rounding may decide where a balance is
 LOADS, TERMS = "loads", "terms/"
 Which = NDArray[np.bool_]  # of the runs (N,)
-# a configuration at rest, with eta (m,) and Psi (m, nv) of its loops
-Still = tuple[AtRest, tuple[Array, Array]]
+# a configuration at rest with its errors, eta (m,) and Psi (m, nv) of its loops
+Still = tuple[AtRest, OffAtRest, tuple[Array, Array]]
 NEARLY = 1e-6  # rad, or part of the size, up to which a start beside a balance may have been meant as that
 
 
@@ -88,11 +101,18 @@ class StaticsStructure(Built):
             outputs: dict[str, Sequence[Scalar]] = {"here": self.conditions.entries()[0]}
             if self.balances:
                 forces = RestForces(problem, self.conditions)
-                outputs |= {"load": load_at_rest(problem), "tau": list(problem.actuator_torques)}
+                p = forces.parameters, problem.at_start
+                self.terms = RestTerms(
+                    self.conditions, load_at_rest(problem), list(problem.actuator_torques), forces.slopes, p
+                )
                 outputs["slopes"] = forces.slopes
             else:
+                self.terms = terms_that_hold(problem, self.conditions)
                 outputs |= {f"{TERMS}{name}": term for name, term in terms_at_rest(problem).items()}
+            outputs |= {"load": self.terms.load, "tau": self.terms.tau}
             if self.reactions is not None:
+                loads = self.reactions.function.outputs
+                self.of_loads = RoundedLoads({path: loads[path] for path in self.reactions.of_parts})
                 outputs[LOADS] = [x for own in self.reactions.function.outputs.values() for x in own]
             # without names from the scene, scenes with equal equations share their tables
             program = make_program({f"o{k}": x for k, x in enumerate(outputs.values())}, REACTION_GROUPS)
@@ -134,7 +154,7 @@ class RunsAtRest:
         conditions = self._conditions = structure.conditions
         self.problem, self.lengths, self.sizes = structure.problem, conditions.lengths, conditions.sizes
         self.tolerance = RANK  # what closes but for rounding goes to the command
-        self._free = moving_freely(self.problem.contact_joints)
+        self._free, self._at_start = structure.terms.p
         names = self.problem.model.q_names
         self._held = [names.index(name) for name in conditions.lead.positions]
 
@@ -158,6 +178,16 @@ class RunsAtRest:
     def load(self, q: Array) -> Array:
         return self.evaluate("load", q, p=self._free)
 
+    def step(self, q: Array, dq: Array) -> Array:
+        return q + dq
+
+    def terms(self, q: Array) -> ForcesAtRest:
+        F, J = self.at_runs(q)
+        return ForcesAtRest(F, J, self.load(q), self.evaluate("tau", q, p=self._at_start))
+
+    def rounding(self, q: Array, lam: Array) -> ForcesAtRest:
+        return self.structure.terms.rounding(q, lam, self.numbers)
+
     def stiffness(self, q: Array, lam: Array) -> Array:
         K = self.evaluate("slopes", q, lam, self._free)
         return np.swapaxes(K.reshape(len(q), q.shape[1], -1), 1, 2)
@@ -172,28 +202,39 @@ class RunsAtRest:
         there = np.array([end.q for end in ends])
         tau, J = self.evaluate("tau", there, p=problem.at_start), self.jacobian(there)
         eta, psi = self.loops(there)
+        off = ErrorsOfBalances(self, rows_that_stay(problem, J.shape[1]))(there)
         found: list[Still | None] = []
         for k, end in enumerate(ends):
             sizes = np.abs(end.stiffness)
-            sure = not len(sizes) or sizes.min() > WEAK * sizes.max()
+            sure = off[k].sure and (not len(sizes) or sizes.min() > WEAK * sizes.max())
             stays = np.abs((end.q - self.q[k]) / self.lengths).max() < NEARLY
             # where a start may be meant as a balance, rounding decides whether one that is not stable is left
             certain = end.stability in ("stable", "rigid") and (first[k] > NEARLY or stays)
             # beyond limits the command looks for a balance within them
             good = self.sound[k] and end.converged and sure and certain and is_within(problem, end.q)
-            found.append((at_balance(problem, end, tau[k], J[k]), (eta[k], psi[k])) if good else None)
+            state = at_balance(problem, end, tau[k], J[k]) if good else None
+            found.append((state, off[k], (eta[k], psi[k])) if state is not None else None)
         return found
 
     def _held_by_actuators(self) -> list[Still | None]:
         problem, (eta, psi) = self.problem, self.loops(self.q)
         names = [name for name in self.structure.expressions if name.startswith(TERMS)]
         terms = {name[len(TERMS) :]: self.evaluate(name, self.q, p=problem.at_start) for name in names}
-        found: list[Still | None] = [None] * len(self.q)
-        for k in np.flatnonzero(self.sound):
+        states: dict[int, AtRest] = {}
+        for k in np.flatnonzero(self.sound).tolist():
             own = {name: x[k] for name, x in terms.items()}
             with contextlib.suppress(RobodynError, np.linalg.LinAlgError):  # the command names it
                 gap = float(np.abs(eta[k]).max(initial=0.0))
-                found[k] = held_by_actuators(problem, self.q[k], own, psi[k], gap), (eta[k], psi[k])
+                states[k] = held_by_actuators(problem, self.q[k], own, psi[k], gap)
+        found: list[Still | None] = [None] * len(self.q)
+        if not states:
+            return found
+        lam, tau = np.zeros(eta.shape), np.zeros(self.q.shape)
+        for k, state in states.items():
+            lam[k], tau[k] = state.lam, state.tau
+        for k, off in enumerate(errors_of_holding(problem, self)(self.q, lam, tau)):
+            if off is not None and k in states:
+                found[k] = states[k], off, (eta[k], psi[k])
         return found
 
     def loops(self, q: Array) -> tuple[Array, Array]:
@@ -207,15 +248,28 @@ class RunsAtRest:
         samples, problem = self.structure.reactions, self.problem
         if samples is None:
             return [ABSENT] * len(found)
-        q, lam = self.q.copy(), np.zeros((len(found), len(problem.constraints.rows)))
+        loops = problem.constraints.of_loops
+        q = np.repeat(self.q[:, None], DRAWS + 1, axis=1)
+        lam = np.zeros((*q.shape[:2], len(problem.constraints.rows)))
         for k, still in enumerate(found):
             if still is not None:
-                q[k], lam[k, problem.constraints.of_loops] = still[0].q, still[0].lam
+                state, off, _ = still
+                q[k] = np.vstack([state.q, off.beside.q])
+                lam[k][:, loops] = np.vstack([state.lam, off.beside.lam[:, loops]])
+        data = np.stack([self.evaluate(LOADS, q[:, j], lam[:, j]) for j in range(DRAWS + 1)], axis=1)
         cuts = np.cumsum([len(names) for names in samples.names.values()])[:-1]
-        each = (np.split(row[None], cuts, axis=1) for row in self.evaluate(LOADS, q, lam))
-        data = [{path: x for path, x in zip(samples.names, own) if path in samples.of_parts} for own in each]
-        peaks = figures_of_runs(np.zeros(1), data, samples.names)
-        return [samples.described(own) for own in peaks]
+        each = [dict(zip(samples.names, np.split(own, cuts, axis=1))) for own in data]
+        parts = [{path: own[path] for path in samples.of_parts} for own in each]
+        peaks = figures_of_runs(
+            np.zeros(1), [{path: x[:1] for path, x in own.items()} for own in parts], samples.names
+        )
+        noise = self.structure.of_loads(q[:, 0], lam[:, 0], problem.model.nv, self.numbers)
+        return [
+            ABSENT
+            if still is None
+            else samples.described(with_errors(peaks[k], parts[k], samples.names, still[1].beside, noise[k]))
+            for k, still in enumerate(found)
+        ]
 
 
 SLOW = {"equilibrium.iterations": "it counts the steps of a single run"}
@@ -267,8 +321,8 @@ class StaticsRuns(BatchCommand[StaticsStructure]):
 
     def _keep(self, result: ManyRuns, row: int, still: Still, loads: PeakLoads | Absent) -> bool:
         """Write a run into its row, unless it says something else than it should."""
-        state, loops = still
-        summary = {"command": self.name, **as_keys(summarise(state, loads, loops))}
+        state, off, loops = still
+        summary = {"command": self.name, **as_keys(summarise(state, off, loads, loops))}
         expect = state.problem.scene.expect
         words = all(lookup(summary, key) == word for key, word in self.words.items() if key in expect)
         outputs = {key: number_of(summary, key) for key in result.outputs}

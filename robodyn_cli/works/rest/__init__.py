@@ -1,0 +1,1 @@
+"""What residuals and rounding make of configurations at rest."""
