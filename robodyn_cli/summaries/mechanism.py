@@ -176,11 +176,20 @@ class ReachedBranch:
     """One way to reach the pose."""
 
     name: str = fact("of the branch")
-    configuration: dict[str, float] = fact("joint positions", OWN)
+    configuration: dict[str, float] = fact("joint positions", OWN, errors=(".errors.JOINT",))
     reached: bool = fact("whether it reaches the pose")
     within_limits: bool = fact("whether all joints are within their limits")
     error: float = fact("the larger of distance and angle to the pose", "m or rad", errors=None)
     chosen: bool = fact("whether it is the configuration of the result")
+    errors: dict[str, float] | Absent = fact("of the joint positions, where it reaches the pose", OWN)
+
+
+@record
+class ReachErrors:
+    """How far joint positions may be off: what residuals and rounding make of them; with freedoms left, those of the
+    nearest that reach the pose."""
+
+    configuration: dict[str, float] = fact("of the joint positions", OWN)
 
 
 @record
@@ -191,7 +200,9 @@ class ReachSummary:
     samples: int = fact("number of samples: 1")
     frame: str = fact("the frame that was brought there")
     method: str = fact("`analytic` or `damped`")
-    configuration: dict[str, float] = fact("the joint positions chosen", OWN)
+    configuration: dict[str, float] = fact(
+        "the joint positions chosen", OWN, errors=("error_estimate.configuration.JOINT",), column="position"
+    )
     units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
     branch: str | Absent = fact("name of their branch, with a closed form")
     error: float = fact(
@@ -200,8 +211,11 @@ class ReachSummary:
     freedom: int = fact("how many freedoms the pose leaves in general")
     singular_ratio: float = fact(
         "smallest over largest singular value of what moves the frame, in rad and sizes of the mechanism: 0 in "
-        "singular poses"
+        "singular poses",
+        errors=("singular_ratio_error",),
     )
+    singular_ratio_error: float = fact("of this ratio")
+    error_estimate: ReachErrors = fact("estimated errors")
     branches: list[ReachedBranch] | Absent = fact("all ways to reach the pose, where no freedom is left")
 
 

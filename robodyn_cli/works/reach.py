@@ -9,17 +9,24 @@ from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics, explain_miss
 from robodyn_cli.given.poses.targets import Poses, Way
 from robodyn_cli.model.joints import orientation
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.observe import add_sample
+from robodyn_cli.observe.rounding import ENLARGED
 from robodyn_cli.observe.units import JointColumns
 from robodyn_cli.ready.doors import at_rest
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.nested_options import ReachOptions
 from robodyn_cli.scene.types import Ready, Scene
+from robodyn_cli.solve.closing.balance import LEFT, MOST_STEP
+from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
-from robodyn_cli.summaries.mechanism import ReachedBranch, ReachSummary
+from robodyn_cli.summaries.mechanism import ReachedBranch, ReachErrors, ReachSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
+from robodyn_cli.works.closed_errors import SAFETY, Noise
+from robodyn_cli.works.rest.errors import BELIEVED, CLEAR, Nearby, parts_of
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -46,7 +53,8 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     result = Result.of("reach", scene)
     still = np.zeros(solver.model.nv)
     add_sample(result, solver.problem, q, still, still)
-    branches = [_described(solver, way, q) for way in ways]
+    errors = ErrorsOfPoses(solver, poses.targets[0])
+    branches, off = [_described(solver, errors, way, q) for way in ways], errors(q)
     _add_branches(result, solver.problem, [way.q for way, branch in zip(ways, branches) if branch.reached])
     number = int(poses.branch[0])
     result.summarise(
@@ -60,7 +68,9 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
             branch=solver.branch_names[number] if number >= 0 else ABSENT,
             error=float(poses.error[0]),
             freedom=solver.freedom,
-            singular_ratio=_singular_ratio(solver, poses.targets[0], q),
+            singular_ratio=errors.ratio(q),
+            singular_ratio_error=off.ratio,
+            error_estimate=ReachErrors(dict(zip(solver.model.q_names, off.q.tolist()))),
             branches=branches or ABSENT,
         ),
         seconds=watch.report(),
@@ -116,11 +126,12 @@ def _solver(scene: Ready, options: ReachOptions) -> InverseKinematics:
     )
 
 
-def _described(solver: InverseKinematics, way: Way, q: Array) -> ReachedBranch:
+def _described(solver: InverseKinematics, errors: ErrorsOfPoses, way: Way, q: Array) -> ReachedBranch:
     chosen = bool(np.abs(way.q - q).max() < 1e-6)
-    configuration = dict(zip(solver.model.q_names, way.q.tolist()))
-    reached = way.error <= solver.tolerance
-    return ReachedBranch(way.name, configuration, reached, way.within_limits, way.error, chosen)
+    names, reached = solver.model.q_names, way.error <= solver.tolerance
+    off = dict(zip(names, errors(way.q).q.tolist())) if reached else ABSENT
+    configuration = dict(zip(names, way.q.tolist()))
+    return ReachedBranch(way.name, configuration, reached, way.within_limits, way.error, chosen, off)
 
 
 def _add_branches(result: Result, problem: Problem, configurations: list[Array]) -> None:
@@ -135,9 +146,95 @@ def _add_branches(result: Result, problem: Problem, configurations: list[Array])
         result.add(f"branch_skeleton/{name}", np.array([problem.numbers(corners, x) for x in q]))
 
 
-def _singular_ratio(solver: InverseKinematics, target: Array, q: Array) -> float:
-    """Return the smallest over the largest singular value of what moves the frame, as far as its general rank."""
-    moving = solver.equations.moving
-    s = np.linalg.svd(solver.equations.jacobian(q, target)[:, moving], compute_uv=False)
-    rank = min(len(moving) - solver.freedom, len(s))
-    return float(s[rank - 1] / s[0]) if rank else 0.0
+@record
+class OffPose:
+    """How far positions that reach a pose may be off: by coordinate (nq,), and the ratio of singular values there."""
+
+    q: Array
+    ratio: float
+
+
+class ErrorsOfPoses:
+    """Errors of joint positions that bring a frame to a pose.
+
+    What is left of the pose and of loops, and rounding, which is drawn as for loops (``works.closed_errors``), move the
+    positions by J dq = e, with the least norm where the pose leaves freedoms. A direction in which J changes by
+    much over such an error, as where branches meet, is searched instead (see ``works.rest.errors``).
+
+    Parameters
+    ----------
+    solver : of the frame. target : (12,).
+    """
+
+    def __init__(self, solver: InverseKinematics, target: Array) -> None:
+        self.equations, self.target = solver.equations, target
+        self.moving, self.manifold = list(solver.equations.moving), Manifold(solver.model)
+        self.lengths = np.array(self.equations.lengths)
+        rows = self.equations.rows
+        self.rank = min(len(self.moving) - solver.freedom, len(rows.e))
+        self._noise = Noise([*rows.e, *rows.J.flat])
+
+    def ratio(self, q: Array) -> float:
+        """Return the smallest over the largest singular value of what moves the frame, as far as its general rank."""
+        return self._ratio(self._at(q)[1])
+
+    def __call__(self, q: Array) -> OffPose:
+        """Return the errors of positions q (nq,)."""
+        e, J = self._at(q)
+        d = self.equations.data(self.target[None], q)
+        noise = self._noise({"q": q[None], "d": d, "p": np.array(self.equations.limits.numbers)[None]})
+        off, dJ = noise[:, : len(e)], noise[:, len(e) :].reshape(len(noise), len(e), -1)[:, :, self.moving]
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
+        kept = (np.arange(len(s)) < self.rank) & (s > RANK * s.max(initial=0.0))
+        for _ in range(2):
+            strong = (Vt[kept].T / s[kept]) @ U[:, kept].T
+            steps = (ENLARGED * e + off) @ strong.T
+            parts = parts_of(steps[None], np.ones(len(self.moving)))[0]
+            places = [self._moved(q, part * step) for part, step in zip(parts, steps)]
+            jacobians = [self._at(x)[1] + part * own for x, part, own in zip(places, parts, dJ)]
+            weights = SAFETY / (ENLARGED * parts)
+            there = np.array([np.linalg.svd(x, compute_uv=False) for x in jacobians])
+            believed = kept & (weights[:, None] * np.abs(there - s) <= BELIEVED * s).all(axis=0)
+            if (believed == kept).all():
+                break
+            kept = believed
+        sure = CLEAR * SAFETY / ENLARGED * np.abs(off @ U).max(axis=0)
+        for k in np.flatnonzero(~kept[: self.rank]):
+            places += self._cleared(q, (U[:, k], Vt[k], strong), float(sure[k]))
+        nearby = Nearby(np.array(places), np.zeros((len(places), 0)), weights)
+        ratios = np.array([self._ratio(x) for x in jacobians] + [self.ratio(x) for x in places[len(parts) :]])
+        error = nearby.off((ratios - self._ratio(J))[:, None])[0] + LEFT
+        return OffPose(nearby.off(nearby.q - q), float(error))
+
+    def _at(self, q: Array) -> tuple[Array, Array]:
+        e, J = self.equations.at(q, self.target)
+        return e, J[:, self.moving]
+
+    def _ratio(self, J: Array) -> float:
+        s = np.linalg.svd(J, compute_uv=False)
+        return float(s[self.rank - 1] / s[0]) if self.rank else 0.0
+
+    def _moved(self, q: Array, step: Array) -> Array:
+        """Return positions after a step of what moves, in comparable units."""
+        dq = np.zeros(len(self.lengths))
+        dq[self.moving] = step * self.lengths[self.moving]
+        return self.manifold.normalise(self.manifold.integrate(q, dq))
+
+    def _cleared(self, q: Array, along: tuple[Array, Array, Array], sure: float) -> list[Array]:
+        """Return positions on both sides from which on more is left along a motion than here, rounding included; none
+        where that is nowhere.
+
+        along : the row u (m,), the motion v, and the inverse of the other motions, which meet what they can.
+        """
+        u, v, strong = along
+        sure += CLEAR * abs(float(u @ self._at(q)[0]))
+        s = float(np.finfo(float).eps)
+        while s < MOST_STEP:
+            ends = []
+            for sign in (-1.0, 1.0):
+                there = self._moved(q, sign * s * v)
+                ends.append(self._moved(there, strong @ self._at(there)[0]))
+            if all(abs(float(u @ self._at(x)[0])) > sure for x in ends):
+                return ends
+            s *= 2.0
+        return []

@@ -220,7 +220,7 @@ def errors_of(state: AtRest) -> OffAtRest | None:
     """Return the errors of a configuration at rest; None where rounding decides whether actuators hold it."""
     problem = state.problem
     if state.near is not None:
-        staying = rows_that_stay(problem, len(state.near.conditions.names))
+        staying = rows_that_stay(problem, len(state.near.expressions.conditions.names))
         return ErrorsOfBalances(state.near, staying)(state.q[None])[0]
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     tolerance = float(closure.rank_tolerances(problem.model, gap_at(problem, state.q)))

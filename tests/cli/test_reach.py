@@ -104,7 +104,10 @@ def test_what_cannot_be_is_one_message(
 
 
 def test_what_rounding_makes_of_zero_is_shown_as_zero() -> None:
-    summary = {"title": "arm", "frame": "tip", "error": 0.0, "singular_ratio": 1.0, "freedom": 0,
-               "configuration": {"a": -3e-19, "b": 0.5}, "units": {"a": "rad", "b": "rad"}}  # fmt: skip
+    way = {"name": "1", "configuration": {"a": -3e-19, "b": 0.5}, "errors": {"a": 2e-16, "b": 1e-16},
+           "reached": True, "within_limits": True, "chosen": False}  # fmt: skip
+    summary = {"title": "arm", "frame": "tip", "error": 0.0, "singular_ratio": 1.0, "singular_ratio_error": 1e-14,
+               "freedom": 0, "units": {"a": "rad", "b": "rad"}, "branches": [way]}  # fmt: skip
     lines = describe(summary).splitlines()
-    assert [line.split() for line in lines if line.split()[0] in "ab"] == [["a", "0"], ["b", "0.5"]]
+    told = "1 0 +- 3e-16 0.5000000000000000 +- 1e-16 yes yes"
+    assert [line.split() for line in lines if line.split()[0] == "1"] == [told.split()]

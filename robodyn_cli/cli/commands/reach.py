@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.figure_words import figure_table
 from robodyn_cli.cli.offers import names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import coordinate_table, error_text, number, table
+from robodyn_cli.cli.words import error_text, stated
+from robodyn_cli.report.cells import Figure, Table
 from robodyn_cli.scene.text.overrides import AskedSetting
-from robodyn_cli.summaries.facts import OWN
-
-ROUNDING = 1e-12  # rad or m
-
 
 EXAMPLES = (
     "reach configs/mechanisms/puma_reach.yaml",
@@ -63,17 +61,17 @@ def command(
     return run_scene(shared.job("reach", scene, strict, settings), shared.console, describe)
 
 
-def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
+def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary for the terminal."""
     branch = summary.get("branch")
     how = f"in closed form, branch {branch}" if branch else "by damped steps"
     lines = [
         f"{summary['title']}",
         f"  {summary['frame']:<18} brought to the pose {how}; error {error_text(summary['error'])} m or rad",
+        *figures,
     ]
-    chosen = {name: _position(q) for name, q in summary["configuration"].items()}
-    lines.append(coordinate_table(summary["units"], [("position", chosen, OWN, 9)]))
-    lines.append(f"  singular ratio     {number(summary['singular_ratio'], 3)} (0: a singular pose)")
+    ratio = stated(summary["singular_ratio"], summary["singular_ratio_error"])
+    lines.append(f"  singular ratio     {ratio} (0: a singular pose)")
     if summary["freedom"]:
         lines.append(f"  freedom left       {summary['freedom']}: there are infinitely many ways")
     listed = summary.get("branches") or []
@@ -81,18 +79,21 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
         reached = sum(facts["reached"] for facts in listed)
         lines.append(f"  branches           {reached} of {len(listed)} reach the pose; -v lists them")
     if listed and verbose:
-        rows = [["branch", *listed[0]["configuration"], "reached", "within limits"]]
-        for facts in listed:
-            name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
-            q = [number(_position(x)) if facts["reached"] else "-" for x in facts["configuration"].values()]
-            within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
-            rows.append([name, *q, "yes" if facts["reached"] else "no", within])
-        lines.append(table(rows))
+        lines.append(_branches(summary))
     if listed and not branch:
         lines.append("  that there are no other ways is not proved")
     return "\n".join(lines)
 
 
-def _position(q: float) -> float:
-    """Return a position for reading: what rounding makes of zero is 0."""
-    return 0.0 if abs(q) < ROUNDING else q
+def _branches(summary: Mapping[str, Any]) -> str:
+    """Return the table of the ways to reach the pose."""
+    listed, rows = summary["branches"], list[list[str | Figure]]()
+    for facts in listed:
+        name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
+        q: list[str | Figure] = ["-"] * len(facts["configuration"])
+        if facts["reached"]:
+            units, off = summary["units"], facts["errors"]
+            q = [Figure(x, off[joint], units[joint]) for joint, x in facts["configuration"].items()]
+        within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
+        rows.append([name, *q, "yes" if facts["reached"] else "no", within])
+    return figure_table(Table(("branch", *listed[0]["configuration"], "reached", "within limits"), rows))

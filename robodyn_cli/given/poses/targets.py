@@ -234,13 +234,17 @@ class PoseEquations:
 
     def jacobian(self, q: Array, target: Array) -> Array:
         """Return J (m, nv) of all rows in comparable units at q (nq,), for a target (12,)."""
-        kernel = self._jacobian
-        d = self.data(target[None], q)
-        return kernel(q=q[None], d=d, p=self.limits.numbers)["J"].reshape(self.rows.J.shape)
+        return self.at(q, target)[1]
+
+    def at(self, q: Array, target: Array) -> tuple[Array, Array]:
+        """Return what is left of all rows e (m,), and J, likewise."""
+        found = self._at(q=q[None], d=self.data(target[None], q), p=self.limits.numbers)
+        return found["e"][0], found["J"].reshape(self.rows.J.shape)
 
     @cached_property
-    def _jacobian(self) -> SampleKernel:
-        return SampleKernel({"J": list(self.rows.J.flat)}, (STATE, DATA, PARAMETERS))
+    def _at(self) -> SampleKernel:
+        rows = self.rows
+        return SampleKernel({"e": list(rows.e), "J": list(rows.J.flat)}, (STATE, DATA, PARAMETERS))
 
     @cached_property
     def reach(self) -> IterationKernel:

@@ -10,7 +10,7 @@ both sides. Where that is nowhere all positions along them balance, and the erro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from robodyn_cli.solve.closing.balance import (
     LEFT,
     MOST_STEP,
     NEARBY,
+    Which,
     eigenvalues,
 )
 from robodyn_cli.solve.load_sharing import LostRank, Unbalanced, null_spaces, share
@@ -31,7 +32,7 @@ from robodyn_cli.works.closed_errors import SAFETY
 from robodyn_cli.works.rest.terms import ForcesAtRest, NearRest
 
 BELIEVED = 0.25  # part of itself by which the stiffness may change over an error of first order
-CLEAR = 2.0  # times the largest rounding of a force, from which on its sign is sure
+CLEAR = 2.0  # times what is left of a force and the largest rounding of it, from which on its sign is sure
 
 
 @record
@@ -109,16 +110,16 @@ class ErrorsOfBalances:
         here = self._there(q)
         changes = self.rest.rounding(q, here.lam).solved(self.rest.terms(q).J, here.lam)
         U, sigma, Vt = np.linalg.svd(here.reduced)
-        kept = sigma > INDIFFERENT * sigma[:, :1]
+        kept: Which = np.asarray(sigma > INDIFFERENT * sigma[:, :1])
         beside, weights = self._draws(here, changes, np.linalg.pinv(here.reduced, rcond=INDIFFERENT))
         for there, weight in zip(beside, weights.T):
             moved = np.linalg.svd(there.reduced, compute_uv=False)
             kept &= weight[:, None] * np.abs(moved - sigma) <= BELIEVED * sigma
-        sure = kept.all(axis=1)
+        sure: Which = np.asarray(kept.all(axis=1))
         if len(q) == 1 and not sure[0]:
             strong = (Vt[0][kept[0]].T / sigma[0][kept[0]]) @ U[0][:, kept[0]].T
             beside, weights = self._draws(here, changes, strong[None])
-            for k in np.flatnonzero(~kept[0]):
+            for k in np.flatnonzero(~kept[0]).tolist():
                 beside += self._cleared(here, changes, (U[0][:, k], Vt[0][k], strong))
         spectra = np.array([_apart(here, there) for there in beside])
         products = np.swapaxes(np.abs(here.N), 1, 2) @ np.abs(here.K) @ np.abs(here.N)
@@ -127,11 +128,11 @@ class ErrorsOfBalances:
         cuts = np.cumsum([x.shape[1] for x in (here.q, here.lam, here.tau)])
         found = []
         for k, weight in enumerate(weights):
-            places = (np.array([getattr(x, name)[k] for x in beside]) for name in ("q", "lam"))
-            nearby = Nearby(*places, weight)
-            off = np.split(nearby.off(np.array([x[k] for x in figures[1]]) - figures[0][k]), cuts)
+            nearby = Nearby(np.array([x.q[k] for x in beside]), np.array([x.lam[k] for x in beside]), weight)
+            off = nearby.off(np.array([x[k] for x in figures[1]]) - figures[0][k])
+            own, lam, tau, holding = np.split(off, cuts)
             stiffness = float(nearby.off(spectra[:, k, None])[0] + rounded[k])
-            found.append(OffAtRest(*off, stiffness, bool(sure[k]), nearby))
+            found.append(OffAtRest(own, lam, tau, holding, stiffness, bool(sure[k]), nearby))
         return found
 
     def _there(self, q: Array, change: ForcesAtRest | None = None) -> _There:
@@ -172,7 +173,8 @@ class ErrorsOfBalances:
         u, v, strong = along
         rest, N = self.rest, here.N[0]
         noise = (changes.load - np.einsum("rdmv,rm->rdv", changes.J, here.lam)) @ N @ u
-        sure = CLEAR * SAFETY / ENLARGED * float(np.abs(noise).max())
+        left = abs(float(u @ N.T @ here.load[0]))
+        sure = CLEAR * (SAFETY / ENLARGED * float(np.abs(noise).max()) + left)
         way = N @ v / max(float(np.abs(N @ v / rest.lengths).max()), 1e-300)
 
         def force(there: _There) -> Array:
@@ -233,16 +235,17 @@ class ErrorsOfHolding:
         back = np.linalg.pinv(terms.J[:, :, self.free], rcond=rest.tolerance)
         dq[:, :, self.free] = -np.einsum("rvm,rdm->rdv", back, ENLARGED * terms.F[:, None] + changes.F)
         parts = parts_of(dq, rest.lengths)
-        places = [rest.step(q, parts[:, k, None] * dq[:, k]) for k in range(dq.shape[1])]
+        places = [rest.step(q, parts[:, k, None] * dq[:, k]) for k in range(parts.shape[1])]
         beside = [rest.terms(x) + changes.part(k, parts[:, k]) for k, x in enumerate(places)]
         found: list[OffAtRest | None] = []
-        for k, shared in enumerate(map(partial(self._shared, beside), range(len(q)))):
-            if shared is None:
+        for k, own in enumerate(q):
+            if (shared := self._shared(beside, k)) is None:
                 found.append(None)
                 continue
             nearby = Nearby(np.array([x[k] for x in places]), shared[0], SAFETY / (ENLARGED * parts[k]))
-            off = [nearby.off(x - y) for x, y in zip((nearby.q, *shared), (q[k], every[k], tau[k]))]
-            found.append(OffAtRest(*off, np.zeros_like(off[2]), 0.0, True, nearby))
+            apart = (nearby.q - own, shared[0] - every[k], shared[1] - tau[k], np.zeros_like(shared[1]))
+            positions, multipliers, torques, none = map(nearby.off, apart)
+            found.append(OffAtRest(positions, multipliers, torques, none, 0.0, True, nearby))
         return found
 
     def _shared(self, terms: Sequence[ForcesAtRest], k: int) -> tuple[Array, Array] | None:

@@ -40,7 +40,7 @@ class ForcesAtRest:
         def one(x: Array) -> Array:
             return np.asarray(x[:, k] * parts.reshape(-1, *[1] * (x.ndim - 2)))
 
-        return ForcesAtRest(*map(one, (self.F, self.J, self.load, self.tau)), one(np.asarray(self.K)))
+        return ForcesAtRest(one(self.F), one(self.J), one(self.load), one(self.tau), one(np.asarray(self.K)))
 
     def solved(self, J: Array, lam: Array) -> ForcesAtRest:
         """Return changes with what solving J^T lambda = r for multipliers (R, m), J (R, m, nv), adds to those of r."""
