@@ -35,7 +35,9 @@ def jets_of(function: Function, program: Program, inputs: dict[str, Any], x: Arr
     series = Series.of(program)
     read = loaded(function, series.program, inputs, x.width)
     start = values_of(function, series.program, read, x.width, machine().fused)
-    return Jets(function, series, start, [x[k] for k in range(body.size)], body.nv)
+    return Jets(
+        function, series, {k: start[k] for k in series.read}, [x[k] for k in range(body.size)], body.nv
+    )
 
 
 def coefficients(body: System, start: Sequence[float], time: float, order: int, width: int = 1) -> np.ndarray:

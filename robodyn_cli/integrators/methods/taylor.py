@@ -19,6 +19,7 @@ from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Value
 from robodyn_cli.kernels.lower import loaded, values_of
 from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
+from robodyn_cli.kernels.program import NUMBERS
 from robodyn_cli.kernels.series.jets import Coefficients, Jets
 from robodyn_cli.kernels.series.rules import Series
 
@@ -29,6 +30,9 @@ MOST = (
 # order at this tolerance, and hardly a step is tried again
 BELOW = 30.0
 ACCEPTED = 0.05  # of the tolerance, that a step may leave: some 30 times what it leaves where nothing kinks
+
+
+HELD = frozenset({"const", "number", "sym"})  # instructions that take no code of their own
 
 
 class Taylor(Method):
@@ -65,8 +69,10 @@ class TaylorStepper(Stepper[Coefficients]):
     def __init__(self, method: Taylor, w: Writer) -> None:
         super().__init__(method, w)
         self.series = Series.of(w.system.dynamics.program)
-        # of each instruction where the state is: at the end of a step for the next one
-        self.values = Array(w.f, w.f.slot(w.width, len(self.series.program.instructions)), w.width)
+        code = self.series.program.instructions
+        # where the state is: at the end of a step for the next one
+        self.kept = {k for k in self.series.read if code[k].op not in HELD}
+        self.values = Array(w.f, w.f.slot(w.width, len(code)), w.width)
         self.coefficients: Coefficients
         self.weights: list[Value] = []
         self.integrated = range(w.system.nq, w.system.size)
@@ -81,8 +87,7 @@ class TaylorStepper(Stepper[Coefficients]):
             self._evaluate(t, w.state, w.begins_anew())
         w.count(IntegerSlot.EVALUATIONS, order - 1)  # a coefficient of the rates counts as one
         state = [w.state[k] for k in range(w.system.size)]
-        start = [self.values[k] for k in range(len(self.series.program.instructions))]
-        self.coefficients = Jets(f, self.series, start, state, w.system.nv).up_to(order)
+        self.coefficients = Jets(f, self.series, self._values(t), state, w.system.nv).up_to(order)
         with f.strict():
             self.weights = [1.0 / tolerance(w, f.abs(w.state[c])) for c in self.integrated]
             last = [
@@ -105,16 +110,36 @@ class TaylorStepper(Stepper[Coefficients]):
             total = self.f.muladd(e, e, total)
         return total * (1.0 / max(len(self.weights), 1))
 
-    def _evaluate(self, t: Value, x: Array, where: Condition | None = None) -> None:
-        """Emit the value of each instruction at a state, and keep it in memory; where : in which lanes, None: in all.
+    def _evaluate(self, t: Value, x: Array, where: Condition | None = None) -> list[Value]:
+        """Return the value of each instruction at a state, and keep those that coefficients follow from.
 
-        Other lanes keep theirs to the bit: what a run comes to does not depend on those beside it.
+        where : in which lanes they are kept, None: in all. Other lanes keep theirs to the bit: what a run comes to does
+        not depend on those beside it.
         """
         f, w, program = self.f, self.w, self.series.program
         w.count(IntegerSlot.EVALUATIONS, where=where)
         inputs = loaded(f, program, w.inputs(w.system.dynamics.program, t, x), w.width)
-        for k, value in enumerate(values_of(f, program, inputs, w.width, w.programs.fused)):
-            self.values[k] = value if where is None else f.select(where, value, self.values[k])
+        found = values_of(f, program, inputs, w.width, w.programs.fused)
+        for k, value in enumerate(found):
+            if k in self.kept:
+                self.values[k] = value if where is None else f.select(where, value, self.values[k])
+        return found
+
+    def _values(self, t: Value) -> dict[int, Value]:
+        """Return what coefficients follow from: the values that are kept, and what lies in memory anyway."""
+        f, w, program = self.f, self.w, self.series.program
+        inputs = loaded(f, program, w.inputs(w.system.dynamics.program, t, w.state), w.width)
+        found = {}
+        for k in self.series.read:
+            i = program.instructions[k]
+            if i.op == "const":
+                found[k] = f.constant(i.value, w.width)
+            elif i.op in HELD:
+                group, place = i.value if i.op == "sym" else (NUMBERS, i.value)
+                found[k] = f.splat(inputs[group][place], w.width)
+            else:
+                found[k] = self.values[k]
+        return found
 
     def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Coefficients]:
         f, w, s = self.f, self.w, self.w.system
@@ -122,10 +147,10 @@ class TaylorStepper(Stepper[Coefficients]):
         for c, (value, slope) in enumerate(self.coefficients.along(h)):
             w.new[c] = value
             slopes.append(slope)
-        self._evaluate(t + h, w.new)
+        found = self._evaluate(t + h, w.new)
         outputs = self.series.program.outputs
         rates = [
-            f.constant(r, w.width) if isinstance(r, float) else self.values[r]
+            f.constant(r, w.width) if isinstance(r, float) else found[r]
             for r in (*outputs.get("a", ()), *outputs.get("z", ()))
         ]
         with f.strict():

@@ -77,18 +77,21 @@ class Jets:
 
     Parameters
     ----------
-    series : of the rates, outputs ``a`` (nv) and ``z``. start : the value of each of its instructions. state : x_0 =
-    (q, v, z), where q-dot = v.
+    series : of the rates, outputs ``a`` (nv) and ``z``. start : the values of its instructions ``read``. state :
+    x_0 = (q, v, z), where q-dot = v.
     """
 
     def __init__(
-        self, f: Function, series: Series, start: Sequence[Value], state: Sequence[Value], nv: int
+        self, f: Function, series: Series, start: Mapping[int, Value], state: Sequence[Value], nv: int
     ) -> None:
         self.f, self.series, self.width, self.nv = f, series, state[0].width, nv
         self.code = series.program.instructions
-        self._start = [*start, *state]  # by number: the instructions, then the states
+        self._start = {
+            **start,
+            **{len(self.code) + k: x for k, x in enumerate(state)},
+        }  # states behind the code
         first, outputs = len(self.code), series.program.outputs
-        self._states = range(first, len(self._start))
+        self._states = range(first, first + len(state))
         rates: list[int | float] = [first + nv + k for k in range(nv)]
         rates += [*outputs.get("a", ()), *outputs.get("z", ())]
         self._rates = dict(zip(self._states, rates))  # a series, or a number
@@ -107,7 +110,7 @@ class Jets:
         kept += [column for pair in self._sums for column in pair]
         self._places = {column: place for place, column in enumerate(dict.fromkeys(kept))}
         # of the order at hand: coefficients, None where they are zero, sums of inner terms, the order and 1 over it
-        self._now: dict[SeriesColumn, Value | None] = {SeriesColumn(k): x for k, x in enumerate(self._start)}
+        self._now: dict[SeriesColumn, Value | None] = {SeriesColumn(k): x for k, x in self._start.items()}
         self._inner: dict[Pair, Value | None] = {}
         self._order, self._share = f.constant(1.0), f.constant(1.0)
         self._inverse: dict[int, Value] = {}

@@ -65,6 +65,18 @@ class Series:
             found.append(is_parameter or (i.op != "sym" and all(found[a] for a in i.args)))
         return found
 
+    @cached_property
+    def read(self) -> list[int]:
+        """Instructions whose values at the start coefficients follow from: factors, divisors, kinks, and the rates."""
+        found = {e for entries in self.program.outputs.values() for e in entries if not isinstance(e, float)}
+        for k, i in enumerate(self.program.instructions):
+            if k in self.chains:
+                terms, g = self.chains[k]
+                found.update(x for x in (g, *(t.w for t in terms)) if x is not None)
+            elif i.op not in ("add", "sub", "neg"):
+                found.update(i.args, [k] if i.op == "div" else [])
+        return sorted(found)
+
     def work(self, order: int) -> float:
         """Return about how many operations coefficients up to an order take: a convolution half of its square."""
         moving = [
