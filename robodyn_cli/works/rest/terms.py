@@ -95,7 +95,7 @@ class RestTerms:
         )
         F, J, load, slopes = np.split(forces, np.cumsum([values, m * nv, nv]), axis=2)
         led = np.zeros((*F.shape[:2], m - values))
-        K = np.swapaxes(slopes.reshape(*F.shape[:2], nv, -1), 2, 3)
+        K = np.swapaxes(slopes.reshape(*F.shape[:2], nv if slopes.size else 0, nv), 2, 3)
         return ForcesAtRest(np.concatenate([F, led], axis=2), J.reshape(*F.shape[:2], m, nv), load, tau, K)
 
 
