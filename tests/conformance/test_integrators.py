@@ -384,12 +384,16 @@ def test_without_breakpoints_kinks_are_found_by_the_step_control(method: str) ->
     That of the Gauss methods is the decay of the Legendre coefficients: 100 tolerances are accepted in the last, and 1000
     in the last but one, which stands for all where a kink lies in the middle of a step, so that those of odd degree
     vanish. Those that are cut off fall slowly behind a kink, and make up ten times as much. The table has four kinks.
+    How a kink lies in its step is chance, which rounding alone decides where a smooth step is exact: hence several runs.
     """
     case, told = table_case(()), table_case(TABLE[0])
-    tolerance = within_reach(method, 1e-10)
-    bound = 4 * 1e4 * tolerance if method.startswith("gauss") else 100.0 * tolerance
-    blind, ends = step_ends(case, method, rtol=1e-10, atol=1e-10)
-    assert end_error(case, blind) < bound + unseen(method, ends)
+    bound = 4 * 1e4 if method.startswith("gauss") else 100.0
+    beyond = []
+    for tolerance in 1e-10 * (1.0 + 0.01 * np.arange(15)):
+        blind, ends = step_ends(case, method, rtol=tolerance, atol=tolerance)
+        error = end_error(case, blind) - unseen(method, ends)
+        beyond.append(error / (bound * within_reach(method, tolerance)))
+    assert np.median(beyond) < 1.0 and max(beyond) < 30.0
     assert advance(told, method, rtol=1e-10, atol=1e-10).counters.evaluations < blind.counters.evaluations
 
 
