@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from robodyn_cli.kernels.ir import Function, Int, Value
 
 ALIGNMENT = 64  # bytes, of the widest vector
+BYTE = ctypes.c_char
 
 
 def aligned_zeros(count: int) -> NDArray[np.float64]:
@@ -17,6 +19,14 @@ def aligned_zeros(count: int) -> NDArray[np.float64]:
     memory = np.zeros(count + ALIGNMENT // 8)
     skip = (-memory.ctypes.data // 8) % (ALIGNMENT // 8)
     return memory[skip : skip + count]
+
+
+def address(array: NDArray[np.float64]) -> int:
+    """Return where the numbers of a column-ordered array lie; ``array.ctypes`` takes three times as long to say so."""
+    try:
+        return ctypes.addressof(BYTE.from_buffer(array.T))
+    except (TypeError, ValueError):  # it may only be read, is empty, or has gaps
+        return array.ctypes.data
 
 
 class Array:

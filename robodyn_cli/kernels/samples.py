@@ -18,6 +18,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.arrays import Array as Rows
+from robodyn_cli.kernels.arrays import address
 from robodyn_cli.kernels.compiler import compile_module, is_at_hand, machine
 from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import LoadedNumbers, lower
@@ -159,8 +160,7 @@ class SampleKernel:
         if self._seen < MANY and (interpreted := self._interpreted) is not None:
             interpreted(inputs, results, samples, table)
         else:
-            arrays = [*inputs.values(), *results.values(), table]
-            self._compiled(*(a.ctypes.data for a in arrays), samples)
+            self._compiled(*map(address, (*inputs.values(), *results.values(), table)), samples)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
         lengths = {np.shape(a)[0] for g, a in groups.items() if g != PARAMETERS}
@@ -360,5 +360,5 @@ class IterationKernel:
         p = np.ascontiguousarray(groups[PARAMETERS], dtype=float)
         out, measure = np.empty((padded, self.size), order="F"), np.empty(padded)
         arrays = (q, d, p, self.program.table, out, measure)
-        self._compiled(*(a.ctypes.data for a in arrays), padded, limit, rounds)
+        self._compiled(*map(address, arrays), padded, limit, rounds)
         return out[:samples], measure[:samples]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels import samples
+from robodyn_cli.kernels.arrays import address
 from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.program import Program, make_program
@@ -227,3 +229,36 @@ def test_programs_count_what_they_read_and_do() -> None:
     program = make_program({"r": [q[2] * p[0] + 1.0, 4.0]}, KNOWN)
     assert program.inputs == {"q": 3, "p": 1}
     assert program.operations == 2
+
+
+def test_arrays_of_any_kind_have_an_address() -> None:
+    sealed = np.asfortranarray(RNG.normal(size=(5, 2)))
+    sealed.flags.writeable = False
+    arrays = (
+        RNG.normal(size=3),
+        np.zeros((0, 2)),
+        sealed,
+        RNG.normal(size=(5, 2)),
+        RNG.normal(size=(9, 4))[1::2],
+    )
+    assert [address(a) for a in arrays] == [a.ctypes.data for a in arrays]
+
+
+def test_a_call_asks_no_array_for_its_address_in_numpys_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = Graph()
+    kernel = SampleKernel(outputs(graph), KNOWN)
+    columns = {name: np.asfortranarray(array) for name, array in inputs(64).items()}
+    kernel(**columns)
+    asked: list[Any] = []
+
+    def noted(frame: Any, event: str, arg: Any) -> None:
+        if event == "call" and frame.f_code.co_filename.endswith("_internal.py"):
+            asked.append(frame)
+
+    sys.setprofile(noted)
+    try:
+        kernel(**columns)
+    finally:
+        sys.setprofile(None)
+    # an output without columns has no address in the buffer's sense
+    assert len(asked) <= 2

@@ -16,7 +16,7 @@ from robodyn_cli.algorithms.kinematics import BodyMotion
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.joints.base import Joint
-from robodyn_cli.kernels.arrays import aligned_zeros
+from robodyn_cli.kernels.arrays import address, aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.rolled.loops import Header, TableLayout, TableRow, write_sample_kernel
 from robodyn_cli.kernels.rolled.recursion import constants_of, make_recursion, structure_of
@@ -221,7 +221,7 @@ class RolledKernel:
             scratch = self._scratch.pop()
         except IndexError:
             scratch = self.plan.scratch(self.lanes)
-        self._call(*(a.ctypes.data for a in (self.plan.tables, *columns, out, scratch)), padded)
+        self._call(*map(address, (self.plan.tables, *columns, out, scratch)), padded)
         self._scratch.append(scratch)
         return out[:samples]
 
