@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import pickle
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,15 @@ def turned(R: Array, before: Array) -> Array:
     return 0.5 * np.stack(
         [D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=-1
     )
+
+
+@pytest.mark.parametrize("rest", [CORNERS, SPLINE])
+def test_paths_go_to_other_processes(rest: str) -> None:
+    """Studies send scenes whose paths have been read already."""
+    motion = path(rest)
+    times = smooth_times(motion, 20, 1e-5)
+    here, there = (x.target(times, {}) for x in (motion, pickle.loads(pickle.dumps(motion))))
+    assert np.array_equal(here.pdd, there.pdd)
 
 
 @pytest.mark.parametrize("law", ["s_curve", "trapezoid", "quintic", "cubic"])

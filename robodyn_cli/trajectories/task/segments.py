@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -151,7 +152,7 @@ def spline(points: Array) -> Parametric:
 
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     course = Course(knots, CubicSpline(knots, points).c[::-1])
-    return Parametric(lambda u: series_of(course, u), knots.tolist())
+    return Parametric(partial(series_of, course), knots.tolist())
 
 
 def blend(before: Line, after: Line, distance: float) -> Parametric:
@@ -168,7 +169,7 @@ def blend(before: Line, after: Line, distance: float) -> Parametric:
     first = (corner - distance * before.direction, speed * before.direction, rest)
     last = (corner + distance * after.direction, speed * after.direction, rest)
     course = Course([0.0, 1.0], hermite(1.0, first, last)[:, None])
-    return Parametric(lambda u: series_of(course, u), [0.0, 1.0])
+    return Parametric(partial(series_of, course), [0.0, 1.0])
 
 
 ON_CIRCLE = 1e-9  # of the radius
