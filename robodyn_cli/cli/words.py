@@ -164,9 +164,14 @@ def cost_lines(summary: Mapping[str, Any], verbose: bool = True) -> list[str]:
     return [f"  cost               {steps}ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"]
 
 
-def holding_lines(torques: Mapping[str, float], units: Mapping[str, str]) -> list[str]:
-    """Return a line about torques that keep a pose, beside those that the scene states; ``units`` of coordinates."""
-    held = ", ".join(f"{name} {number(x)} {LOAD(units.get(name, ''))}" for name, x in torques.items())
+def holding_lines(
+    torques: Mapping[str, float], off: Mapping[str, float | None], units: Mapping[str, str]
+) -> list[str]:
+    """Return a line about torques that keep a pose, beside those that the scene states, with their errors; ``units`` of
+    coordinates."""
+    held = ", ".join(
+        f"{name} {stated(x, off.get(name))} {LOAD(units.get(name, ''))}" for name, x in torques.items()
+    )
     return [f"  holding torques    {held}"] if held else []
 
 

@@ -90,6 +90,10 @@ class LinearSummary:
         "with `--hold`: the constant torques of the inputs; at a balance: of joints in `initial.hold` and prescribed "
         "ones, which keep them there",
         LOAD,
+        errors=("holding_torques_error.JOINT",),
+    )
+    holding_torques_error: dict[str, float | None] | Absent = fact(
+        "their errors; `null` where rounding decides whether the inputs hold the pose", LOAD
     )
     largest_acceleration: float | Absent = fact(
         "of an independent coordinate at the state; 0, but for rounding, at an equilibrium", ACCELERATION

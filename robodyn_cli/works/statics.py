@@ -222,11 +222,26 @@ def errors_of(state: AtRest) -> OffAtRest | None:
     if state.near is not None:
         staying = rows_that_stay(problem, len(state.near.expressions.conditions.names))
         return ErrorsOfBalances(state.near, staying)(state.q[None])[0]
+    columns = velocity_places(problem.model, holding_joints(problem))
+    return errors_held(problem, columns, (state.q, state.lam, state.tau))
+
+
+def errors_held(
+    problem: Problem, columns: Sequence[int], held: tuple[Array, Array, Array]
+) -> OffAtRest | None:
+    """Return the errors of a configuration q (nq,) that actuators of velocity coordinates hold with multipliers (m,) of
+    the loops, and of prescribed joints if there are more, and torques (nv,); None where rounding decides whether they
+    do."""
+    q, lam, tau = held
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
-    tolerance = float(closure.rank_tolerances(problem.model, gap_at(problem, state.q)))
+    tolerance = float(closure.rank_tolerances(problem.model, gap_at(problem, q)))
     terms = terms_that_hold(problem, conditions)
     near = SingleRest(conditions, _Needed(problem, terms.load), tolerance, problem, terms)
-    return errors_of_holding(problem, near)(state.q[None], state.lam[None], state.tau[None])[0]
+    loops = problem.constraints.of_loops
+    rows = loops if len(lam) == len(loops) else range(len(lam))
+    return ErrorsOfHolding(near, coordinates_that_close(problem), rows, columns)(
+        q[None], lam[None], tau[None]
+    )[0]
 
 
 @record
@@ -252,10 +267,14 @@ def terms_that_hold(problem: Problem, conditions: LoopConditions) -> RestTerms:
 
 def errors_of_holding(problem: Problem, near: NearRest) -> ErrorsOfHolding:
     """Return what tells the errors of configurations that actuators hold."""
-    model, stays = problem.model, staying_places(problem)
-    free = [k for k in range(model.nv) if k not in stays]
-    loops = problem.constraints.of_loops
-    return ErrorsOfHolding(near, free, loops, velocity_places(model, holding_joints(problem)))
+    columns = velocity_places(problem.model, holding_joints(problem))
+    return ErrorsOfHolding(near, coordinates_that_close(problem), problem.constraints.of_loops, columns)
+
+
+def coordinates_that_close(problem: Problem) -> list[int]:
+    """Return the velocity coordinates that move where loops are closed."""
+    stays = staying_places(problem)
+    return [k for k in range(problem.model.nv) if k not in stays]
 
 
 def loads_at_rest(state: AtRest, off: OffAtRest | None) -> tuple[Loads, PeakLoads]:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
-from robodyn_cli.errors import GeometryError, NumericalError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, GeometryError, NumericalError, SingularConfigurationError
 from robodyn_cli.over.many.command import error_of, number_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene import load_scene_text
+from robodyn_cli.works.linearise.linearise import linearise
 from robodyn_cli.works.statics import statics
 
 G = 9.81
@@ -197,6 +198,21 @@ def test_four_bars_with_springs(seed: int, find: str) -> None:
         load = summary["reactions"]["largest"]["pin"]
         covered(load["peak_force"], mp.sqrt(pin[0] ** 2 + pin[1] ** 2), load["force_error"])
     assert max(off["configuration"].values()) < 1e-6
+
+
+@pytest.mark.parametrize("about", ["balance", "hold"])
+@pytest.mark.parametrize("seed", range(12))
+def test_what_holds_a_linear_model(seed: int, about: str) -> None:
+    text, parts = spring_four_bar(np.random.default_rng(seed), seed, "hold")
+    try:
+        summary = linearise(load_scene_text(text), about=about).summary
+    except (GeometryError, SingularConfigurationError, NumericalError, CapabilityError):
+        pytest.skip("bars that do not reach, or in line")
+    with mp.workdps(50):
+        _, _, torque = exact(parts, list(summary["configuration"].values()), "hold")
+        error = summary["holding_torques_error"]["first"]
+        covered(summary["holding_torques"]["first"], torque, error)
+    assert error < 1e-6 * max(1.0, abs(torque))
 
 
 @pytest.mark.parametrize("find", ["balance", "hold"])

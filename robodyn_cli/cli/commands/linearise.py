@@ -207,7 +207,8 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
             f"  inputs             {inputs}",
             f"  outputs            {outputs}",
         ]
-    lines += holding_lines(summary.get("holding_torques", {}), summary.get("units", {}))
+    torques, off = (summary.get(key, {}) for key in ("holding_torques", "holding_torques_error"))
+    lines += holding_lines(torques, off, summary.get("units", {}))
     if "growth" in summary:
         growth = summary["growth"]
         lines.append(

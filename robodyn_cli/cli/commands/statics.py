@@ -8,11 +8,12 @@ from typing import Any
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    holding_lines,
     mobility_lines,
     multiplier_lines,
     stated,
 )
-from robodyn_cli.summaries.facts import LOAD, STIFFNESS
+from robodyn_cli.summaries.facts import STIFFNESS
 
 
 def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
@@ -21,7 +22,8 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
     lines = [f"{summary['title']}"]
     if summary["find"] == "balance":
         lines.append(f"  balanced           {facts['stability']}{_stiffness(summary)}")
-        lines += _holding(summary)
+        off = summary["error_estimate"].get("holding", {})
+        lines += holding_lines(facts.get("holding", {}), off, summary["units"])
     else:
         lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
     lines += figures
@@ -33,16 +35,6 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
     lines += multiplier_lines(summary)
     lines += mobility_lines(summary) if verbose else []
     return "\n".join(lines)
-
-
-def _holding(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line about torques that keep joints in place, beside those that the scene states."""
-    torques, units = summary["equilibrium"].get("holding", {}), summary["units"]
-    off = summary["error_estimate"].get("holding", {})
-    held = ", ".join(
-        f"{name} {stated(x, off[name])} {LOAD(units.get(name, ''))}" for name, x in torques.items()
-    )
-    return [f"  holding torques    {held}"] if held else []
 
 
 def _stiffness(summary: Mapping[str, Any]) -> str:

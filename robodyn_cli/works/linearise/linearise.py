@@ -27,15 +27,9 @@ from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSummary, Mode
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.linearise.nominal import (
-    LinearOutputs,
-    Nominal,
-    Question,
-    input_signals,
-    nominal,
-    state_signals,
-)
+from robodyn_cli.works.linearise.nominal import Nominal, Question, nominal
 from robodyn_cli.works.linearise.sampled import ModelOptions, add_closed_loop, add_sampled, sampling_of
+from robodyn_cli.works.linearise.signals import LinearOutputs, input_signals, state_signals
 from robodyn_cli.works.linearise.systems import Systems, add_matrices, add_responses
 from robodyn_cli.works.loops.loop import ControlLoop
 
@@ -270,7 +264,7 @@ def _summary(
     growth = result["linear/poles_real"].max(axis=-1, keepdims=one)
     k = int(np.argmax(growth))
     acceleration = float(np.abs(linear.a[0][list(linear.places)]).max(initial=0.0))
-    held = _holding(given)
+    held, held_errors = _holding(given)
     chosen = [
         LinearInstant(float(states.times[k]), stability_of(each), each)
         for k, each in zip(samples, modes)
@@ -285,6 +279,7 @@ def _summary(
         rates=dict(zip(model.v_names, states.v[0].tolist())) if one else ABSENT,
         units=model.coordinate_units if one else ABSENT,
         holding_torques=held or ABSENT,
+        holding_torques_error=held_errors or ABSENT,
         largest_acceleration=acceleration if one else ABSENT,
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
@@ -298,14 +293,17 @@ def _summary(
     )
 
 
-def _holding(given: Nominal) -> dict[str, float]:
-    """Return the constant torques that keep the pose, by coordinate: of inputs, or of joints that stay at a balance."""
+def _holding(given: Nominal) -> tuple[dict[str, float], dict[str, float | None]]:
+    """Return the constant torques that keep the pose, by coordinate: of inputs, or of joints that stay at a balance;
+    and their errors."""
     from robodyn_cli.works.equilibria import staying_places
 
     if given.about not in ("hold", "balance"):
-        return {}
+        return {}, {}
     places = given.inputs if given.about == "hold" else staying_places(given.problem)
-    return {given.problem.model.v_names[k]: float(given.states.tau[0, k]) for k in places}
+    names, off = given.problem.model.v_names, given.holding_errors
+    torques = {names[k]: float(given.states.tau[0, k]) for k in places}
+    return torques, {names[k]: None if off is None else float(off[k]) for k in places}
 
 
 def _warnings(given: Nominal, linear: Linear, modes: list[Mode], acceleration: float) -> list[str]:

@@ -1,179 +1,30 @@
-"""What is linearised (a state, a balance, a pose that the inputs hold, or a motion), and inputs and outputs by their
-names."""
+"""What is linearised: a state, a balance, a pose that the inputs hold, or a motion."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.contact_joints import FIELDS, moving_freely
 from robodyn_cli.equations.gears import geared
-from robodyn_cli.equations.linear.reduce import Linear, held_by, independent
-from robodyn_cli.equations.linear.residuals import Residuals, States, by_steps, by_symbols, evaluated
+from robodyn_cli.equations.linear.reduce import held_by, independent
+from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, did_you_mean, of_option
-from robodyn_cli.model.model import TORQUE, Model
+from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, of_option
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.integrable import integrable
-from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare, refuse_changes
+from robodyn_cli.ready.prepare import Setup, prepare, refuse_changes
 from robodyn_cli.ready.singularity import rounded_rank
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.load_sharing import LostRank, Unbalanced, share
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
-from robodyn_cli.summaries.linear import LinearSignal
 from robodyn_cli.tools.progress import Stopwatch
-from robodyn_cli.works.functions.derivatives import frame_jacobian
-
-TORQUES = "tau"  # symbol group of the torques beside those of the equations
-
-
-def inputs_of(problem: Problem, names: Sequence[str]) -> tuple[int, ...]:
-    """Return the velocity coordinates whose torques are inputs: those asked for, else the actuated ones.
-
-    Raises
-    ------
-    SceneError : one is unknown, or given twice.
-    """
-    scene, model = problem.scene, problem.model
-    if not names:
-        driven = passive_coordinates(problem) if model.closures else _unactuated(problem)
-        fixed = {model.v_names.index(name) for name in scene.prescribed if name in model.v_names}
-        return tuple(k for k in range(model.nv) if k not in driven and k not in fixed)
-    places = []
-    for name in names:
-        _known("--input", name, model.v_names)
-        if name in scene.prescribed:
-            raise of_option(f"--input {name}", "the joint is prescribed, so no torque moves it")
-        places.append(model.v_names.index(name))
-    if len(set(places)) < len(places):
-        raise of_option("--input", f"a joint is given twice among {', '.join(names)}")
-    return tuple(places)
-
-
-def _unactuated(problem: Problem) -> tuple[int, ...]:
-    """Return the coordinates of an open chain without an actuator."""
-    scene, model = problem.scene, problem.model
-    if scene.actuated is None:
-        return ()
-    driven = {column for name in scene.actuated for column in model.v_columns(name)}
-    return tuple(k for k, name in enumerate(model.v_names) if name not in driven)
-
-
-def input_signals(model: Model, places: Sequence[int]) -> list[LinearSignal]:
-    return [LinearSignal(model.v_names[k], TORQUE[model.v_units[k]]) for k in places]
-
-
-def state_signals(model: Model, places: Sequence[int]) -> list[LinearSignal]:
-    """Return the states: changes of the independent coordinates, then of their rates."""
-    steps = [LinearSignal(model.v_names[k], model.v_units[k]) for k in places]
-    return [*steps, *(LinearSignal(f"qd.{x.name}", f"{x.unit}/s") for x in steps)]
-
-
-class LinearOutputs:
-    """What is measured: changes of coordinates, of rates (``qd.NAME``), of points (x, y, z in the world), and of the
-    formulas of ``outputs.signals``.
-
-    Parameters
-    ----------
-    torques : of the actuators (nv,) as expressions, beside what ``States.tau`` has.
-
-    Raises
-    ------
-    SceneError : there is nothing of a name, or a formula that needs the controller.
-    """
-
-    def __init__(self, problem: Problem, torques: Vector, asked: Sequence[str]) -> None:
-        self.problem = problem
-        model, given = problem.model, problem.scene.outputs.signals
-        self.asked = tuple(asked) or model.v_names
-        allowed = [*model.v_names, *(f"qd.{name}" for name in model.v_names), *model.points, *given]
-        for name in self.asked:
-            _known("--output", name, allowed)
-        self._inputs = problem.graph.symbols([f"tau.{name}" for name in model.v_names], TORQUES)
-        tau = {f"tau.{name}": x + u for name, x, u in zip(model.v_names, torques, self._inputs)}
-        names = problem.environment | tau
-        self._formulas = {
-            name: _formula_of(name, given[name], names)
-            for name in self.asked
-            if name in given and name not in (*model.v_names, *model.points)
-        }
-
-    @property
-    def signals(self) -> list[LinearSignal]:
-        """The outputs in their order."""
-        model, signals = self.problem.model, []
-        for name in self.asked:
-            if name in self._formulas:
-                signals.append(
-                    LinearSignal(name, getattr(self.problem.scene.outputs.signals[name], "unit", "1"))
-                )
-            elif name in model.v_names:
-                signals.append(LinearSignal(name, model.v_units[model.v_names.index(name)]))
-            elif name in model.points:
-                signals += [LinearSignal(f"{name}.{axis}", "m") for axis in "xyz"]
-            else:
-                signals.append(LinearSignal(name, f"{model.v_units[model.v_names.index(name[3:])]}/s"))
-        return signals
-
-    def matrices(self, states: States, linear: Linear, inputs: Sequence[int]) -> tuple[Array, Array]:
-        """Return C (T, outputs, 2n) and D (T, outputs, inputs): only formulas may depend on torques at once."""
-        model, n = self.problem.model, len(linear.places)
-        step = np.concatenate([linear.dq, np.zeros((*linear.dq.shape[:2], n))], axis=2)
-        rows, direct = [], []
-        for name in self.asked:
-            through = np.zeros((len(states), 1, len(inputs)))
-            if name in self._formulas:
-                slopes = self._slopes(self._formulas[name], states)
-                rows.append(slopes["q"] @ step + slopes["v"] @ linear.dv)
-                through = slopes["tau"][:, :, list(inputs)]
-            elif name in model.v_names:
-                rows.append(step[:, [model.v_names.index(name)]])
-            elif name in model.points:
-                J = frame_jacobian(self.problem, model.points[name])[3:]
-                rows.append(evaluated({"J": J}, states.groups)["J"] @ step)
-                through = np.zeros((len(states), 3, len(inputs)))
-            else:
-                rows.append(linear.dv[:, [model.v_names.index(name[3:])]])
-            direct.append(through)
-        return np.concatenate(rows, axis=1), np.concatenate(direct, axis=1)
-
-    def _slopes(self, y: Any, states: States) -> dict[str, Array]:
-        """Return the derivatives (T, 1, nv) of a formula by steps, by rates and by torques."""
-        slopes = {
-            "q": by_steps(self.problem, [y]), "v": by_symbols([y], self.problem.v),
-            "tau": by_symbols([y], self._inputs),
-        }  # fmt: skip
-        return evaluated(slopes, {**states.groups, TORQUES: states.tau})
-
-
-def _formula_of(name: str, signal: Any, names: Mapping[str, Any]) -> Any:
-    """Return the expression of a signal.
-
-    Raises
-    ------
-    SceneError : it needs what only the controller knows, which is no part of the linear model.
-    """
-    formula = getattr(signal, "value", signal)
-    missing = sorted(formula.names - names.keys())
-    if missing:
-        raise of_option(
-            f"--output {name}",
-            f"its formula needs {', '.join(missing)} of the controller, which is no part of the "
-            "linear model; allowed: formulas of t, q, qd, tau and parameters",
-        )
-    return formula.evaluate(names)
-
-
-def _known(option: str, name: str, allowed: Sequence[str]) -> None:
-    if name not in allowed:
-        raise of_option(
-            f"{option} {name}", f"unknown{did_you_mean(name, list(allowed))}; allowed: {', '.join(allowed)}"
-        )
-
+from robodyn_cli.works.closed_errors import SAFETY
+from robodyn_cli.works.linearise.signals import inputs_of
 
 # equations, states, and the forces that belong to the model
 Along = tuple[Problem, States, Callable[[Problem], Vector]]
@@ -190,6 +41,7 @@ class Nominal:
     """Equations and states about which they are linearised; inputs and independent coordinates by place.
 
     torques : of the actuators (nv,) that the equations have as expressions, beside what ``states.tau`` has.
+    holding_errors : of torques (nv,) that hold the state; None where none do, or rounding decides whether they do.
     """
 
     about: str
@@ -200,6 +52,7 @@ class Nominal:
     inputs: tuple[int, ...]
     places: tuple[int, ...]
     words: str = "the state"
+    holding_errors: Array | None = None
 
 
 @record
@@ -238,18 +91,18 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
             "losses of gears depend on the direction of power, which changes about a state; linearise takes gears "
             "without 'gear'"
         )
-    inputs = inputs_of(problem, wished)
+    inputs, errors = inputs_of(problem, wished), None
     if question.about == "balance":
-        states = _balance(problem, states)
+        states, errors = _balance(problem, states)
     elif question.about == "hold":
         states, force = States.one(states.q[0], 0.0 * states.v[0]), _passive
     equations = Residuals(problem, force(problem), _parameters(problem, states))
     psi = equations.values(states)["Psi"]
     places = independent(psi[0], inputs, rounded_rank(problem, states.q[0]))
     if question.about == "hold":
-        states = _held(equations, states, inputs, places)
+        states, errors = _held(equations, states, inputs, places)
     torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
-    return Nominal(question.about, problem, equations, torques, states, inputs, places, words)
+    return Nominal(question.about, problem, equations, torques, states, inputs, places, words, errors)
 
 
 def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
@@ -273,7 +126,7 @@ def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
     staying = dataclasses.replace(aim.scene, initial=dataclasses.replace(initial, hold=hold))
     try:
         problem = prepare(at_rest(staying), watch, neutral=True).problem
-        rest = _balance(problem, states)
+        rest, _ = _balance(problem, states)
     except RobodynError:
         return setup.problem, held, aim.words
     words = f"{aim.words}, the joints that are not driven at their balance"
@@ -325,32 +178,47 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
     return parameters
 
 
-def _balance(problem: Problem, states: States) -> States:
-    """Return the balance reached from a configuration; what holds joints of ``initial.hold`` is a constant torque."""
+def _balance(problem: Problem, states: States) -> tuple[States, Array | None]:
+    """Return the balance reached from a configuration, and the errors of what holds joints of ``initial.hold``, a
+    constant torque."""
     from robodyn_cli.works.equilibria import balanced
+    from robodyn_cli.works.statics import errors_of
 
     rest = balanced(problem, states.q[0])
     own = problem.numbers(problem.actuator_torques, rest.q)
-    still = np.zeros(problem.model.nv)
-    return States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None])
+    still, off = np.zeros(problem.model.nv), errors_of(rest)
+    balance = States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None])
+    return balance, None if off is None else off.holding
 
 
-def _held(equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]) -> States:
-    """Return the state with the constant torques of the inputs that hold it.
+def _held(
+    equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]
+) -> tuple[States, Array | None]:
+    """Return the state with the constant torques of the inputs that hold it, and the errors of these.
 
     Raises
     ------
     CapabilityError : they cannot.
     """
+    from robodyn_cli.works.statics import errors_held
+
     state, left = held_by(equations, states, inputs, places)
-    needed = np.abs(equations.values(states)["load"][0]).max(initial=0.0)
+    values = equations.values(state)
+    needed = np.abs(values["load"][0]).max(initial=0.0)
     if np.abs(left).max(initial=0.0) > HELD * max(needed, 1e-12):
         names = [equations.problem.model.v_names[k] for k in inputs]
         raise CapabilityError(
             f"{', '.join(names) or 'no input'} cannot hold this pose: a force of {np.abs(left).max():.3g} N m or N is "
             "left; name more inputs, or linearise about a balance (--at balance)"
         )
-    return state
+    q = state.q[0]
+    try:
+        shared = share(values["Psi"], inputs, {"load": values["load"]}, rounded_rank(equations.problem, q))
+    except (LostRank, Unbalanced):
+        return state, None
+    off = errors_held(equations.problem, inputs, (q, shared.multipliers[0], shared.tau[0]))
+    # two ways to the same torques differ by their rounding
+    return state, None if off is None else off.tau + SAFETY * np.abs(shared.tau - state.tau)[0]
 
 
 def _along(scene: Scene, watch: Stopwatch) -> Along:

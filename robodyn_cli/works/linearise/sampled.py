@@ -15,7 +15,8 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.linear import DiscreteModel, LinearSignal, LoopKeys
-from robodyn_cli.works.linearise.nominal import Nominal, input_signals, state_signals
+from robodyn_cli.works.linearise.nominal import Nominal
+from robodyn_cli.works.linearise.signals import input_signals, state_signals
 from robodyn_cli.works.linearise.systems import OF_ROW, Systems
 from robodyn_cli.works.loops.figures import add_loop, closed_loop, loop_margins
 from robodyn_cli.works.loops.loop import ControlLoop

@@ -13,7 +13,8 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.linear import LinearSignal, Mode
-from robodyn_cli.works.linearise.nominal import Nominal, input_signals, state_signals
+from robodyn_cli.works.linearise.nominal import Nominal
+from robodyn_cli.works.linearise.signals import input_signals, state_signals
 
 POINTS = 400  # of a frequency response
 BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
