@@ -19,7 +19,7 @@ from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Values, Vector, zeros
+from robodyn_cli.spatial.algebra import Array, Vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.kernels.program import Program
@@ -210,7 +210,7 @@ def needed_torques(problem: Problem) -> Vector:
     return tau
 
 
-def _rigid_torques(problem: Problem, a: Values) -> Vector:
+def _rigid_torques(problem: Problem, a: Vector) -> Vector:
     """Return M a + C v + G of the tree with base parameters (nv,)."""
     return rnea(problem.lumped, problem.q, problem.v, a, problem.gravity, problem.X)
 
