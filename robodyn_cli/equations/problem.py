@@ -369,17 +369,17 @@ class Problem:
             lam = multipliers_of_rows(self.constraints, self.combinations, lam)
         return Multipliers(solved.qdd, lam), holding
 
-    def ways_to_accelerations(self, f: Values, tree: Model | None = None) -> dict[str, Vector]:
-        """Return M^-1 f (nv,) of an open tree, by default ``rigid``, by the ways that may suit its size."""
-        ways = {"articulated bodies": ArticulatedFactor(tree or self.rigid, self.q, self.X).solve(f)}
-        if self.model.nv <= DENSE_LIMIT:
-            M = crba(tree, self.q, self.X) if tree else self.mass_matrix
-            ways = {"factored mass matrix": LdlFactor.of(M, self.elimination_order).solve(f), **ways}
-        return ways
+    def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
+        """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
+        articulated = ArticulatedFactor(self.rigid, self.q, self.X).solve(f)
+        if self.model.nv > DENSE_LIMIT:
+            return {"articulated bodies": articulated}
+        dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)
+        return {"factored mass matrix": dense, "articulated bodies": articulated}
 
-    def free_accelerations(self, f: Values, tree: Model | None = None) -> Vector:
-        """Return M^-1 f (nv,) of an open tree, by default ``rigid``, by the way that takes fewer operations."""
-        return min(self.ways_to_accelerations(f, tree).values(), key=count_operations)
+    def free_accelerations(self, f: Values) -> Vector:
+        """Return M^-1 f (nv,) of the open tree by the way that takes fewer operations."""
+        return min(self.ways_to_accelerations(f).values(), key=count_operations)
 
     # -- energy ---------------------------------------------------------------------------------------
     @cached_property

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.linear.residuals import LAMBDA
 from robodyn_cli.equations.problem import Problem
@@ -79,18 +78,19 @@ class Arguments:
         CapabilityError : what is no array of real numbers, an array without exactly one column per joint (further
         columns would be ignored silently), or arrays of different lengths.
         """
-        by_name = dict(zip(self.columns, map(_real, self.columns, arrays)))
-        for (name, joints), array in zip(self.columns.items(), by_name.values()):
+        by_name = {name: _real(name, array) for name, array in zip(self.columns, arrays)}
+        for name, array in by_name.items():
+            joints = self.columns[name]
             if array.ndim not in (1, 2) or array.shape[-1] != len(joints):
                 raise CapabilityError(
                     f"{name} has shape {array.shape}; needed: (samples, {len(joints)}), a row for each sample and a "
                     f"column for each of {', '.join(joints)}, or ({len(joints)},) for one state"
                 )
-        shapes = {array.shape[:-1] for array in by_name.values()}
-        if len(shapes) > 1:
+        shapes = {name: array.shape[:-1] for name, array in by_name.items()}
+        if len(set(shapes.values())) > 1:
             listed = ", ".join(f"{name} {array.shape}" for name, array in by_name.items())
             raise CapabilityError(f"arrays of different lengths: {listed}; needed: as many rows of each")
-        one = () in shapes
+        one = () in shapes.values()
         return {n: array[None] if one else np.asfortranarray(array) for n, array in by_name.items()}, one
 
 
@@ -198,21 +198,14 @@ def timeless(problem: Problem) -> list[Vector]:
 def needed_torques(problem: Problem) -> Vector:
     """Return the torques that a motion needs, tau = M a + C v + G - tau_passive - tau_friction - tau_external (nv,).
 
-    The tree has base parameters, which take some tenth of the operations less.
-
     Raises
     ------
     CapabilityError : as ``timeless``.
     """
-    tau = _rigid_torques(problem, problem.a)
+    tau = problem.inverse_dynamics
     for term in timeless(problem):
         tau = tau - term
     return tau
-
-
-def _rigid_torques(problem: Problem, a: Vector) -> Vector:
-    """Return M a + C v + G of the tree with base parameters (nv,)."""
-    return rnea(problem.lumped, problem.q, problem.v, a, problem.gravity, problem.X)
 
 
 def forward_problem(source: sc.Scene | Model | Problem) -> Problem:
@@ -242,7 +235,7 @@ class _Unrolled:
         self.operations = self.kernel.program.operations
 
     def __call__(self, q: Array, qd: Array, x: Array) -> Array:
-        return self.kernel.evaluate(len(q), {"q": q, "v": qd, self.group: x})["out"]
+        return self.kernel(q=q, v=qd, **{self.group: x})["out"]
 
 
 class _JointForces:
@@ -354,10 +347,7 @@ class ForwardDynamics(_Samples):
             f[k] = symbol
         for term in timeless(problem):
             f = f + term
-        accelerations = problem.free_accelerations(
-            f - _rigid_torques(problem, zeros(model.nv)), problem.lumped
-        )
-        unrolled = _Unrolled(accelerations, "tau", eager=True)
+        unrolled = _Unrolled(problem.free_accelerations(f - problem.bias), "tau", eager=True)
         return "unrolled", unrolled, unrolled.operations
 
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:

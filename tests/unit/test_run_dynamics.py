@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.kernels import crossover
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
@@ -39,16 +37,6 @@ def chain(forces: str) -> Scene:
             "inertia: {xx: 0.012, yy: 0.013, zz: 0.015, xy: 0.001, xz: -0.002, yz: 0.0005}}"
         )
     return load_scene_text("\n".join(lines) + "\n")
-
-
-def test_trees_have_base_parameters() -> None:
-    """Gautier and Khalil 1990: what can be lumped with the body before costs nothing."""
-    problem = Problem(
-        load_scene_text(TWO.replace("zz: 0.1", "xx: 0.1, yy: 0.1, zz: 0.1, xy: 0, xz: 0, yz: 0"))
-    )
-    plain = count_operations(problem.inverse_dynamics)
-    assert InverseDynamics(problem).operations < plain
-    assert ForwardDynamics(problem).operations < count_operations(problem.free_accelerations(problem.bias))
 
 
 @pytest.mark.parametrize(
