@@ -100,7 +100,7 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
     psi = equations.values(states)["Psi"]
     places = independent(psi[0], inputs, rounded_rank(problem, states.q[0]))
     if question.about == "hold":
-        states, errors = _held(equations, states, inputs, places)
+        states, errors = _held(problem, equations, states, inputs, places)
     torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
     return Nominal(question.about, problem, equations, torques, states, inputs, places, words, errors)
 
@@ -192,7 +192,11 @@ def _balance(problem: Problem, states: States) -> tuple[States, Array | None]:
 
 
 def _held(
-    equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]
+    problem: Problem,
+    equations: Residuals,
+    states: States,
+    inputs: Sequence[int],
+    places: tuple[int, ...],
 ) -> tuple[States, Array | None]:
     """Return the state with the constant torques of the inputs that hold it, and the errors of these.
 
@@ -206,17 +210,17 @@ def _held(
     values = equations.values(state)
     needed = np.abs(values["load"][0]).max(initial=0.0)
     if np.abs(left).max(initial=0.0) > HELD * max(needed, 1e-12):
-        names = [equations.problem.model.v_names[k] for k in inputs]
+        names = [problem.model.v_names[k] for k in inputs]
         raise CapabilityError(
             f"{', '.join(names) or 'no input'} cannot hold this pose: a force of {np.abs(left).max():.3g} N m or N is "
             "left; name more inputs, or linearise about a balance (--at balance)"
         )
     q = state.q[0]
     try:
-        shared = share(values["Psi"], inputs, {"load": values["load"]}, rounded_rank(equations.problem, q))
+        shared = share(values["Psi"], inputs, {"load": values["load"]}, rounded_rank(problem, q))
     except (LostRank, Unbalanced):
         return state, None
-    off = errors_held(equations.problem, inputs, (q, shared.multipliers[0], shared.tau[0]))
+    off = errors_held(problem, inputs, (q, shared.multipliers[0], shared.tau[0]))
     # two ways to the same torques differ by their rounding
     return state, None if off is None else off.tau + SAFETY * np.abs(shared.tau - state.tau)[0]
 
