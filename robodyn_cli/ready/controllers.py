@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.given.along import Interpolated, motion_along
+from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.prepare import prepare
@@ -91,7 +93,8 @@ def with_regulator(scene: Scene) -> Scene:
     controller = scene.control
     problem = Problem(model_scene(scene))
     model = problem.model
-    pose = _pose(scene, problem)
+    held = [name for name in scene.control.joints if name in scene.control.pose]
+    pose = _pose(scene, problem, held)
     driven = tuple(model.v_names.index(name) for name in controller.joints)
     equations = Residuals(problem, _forces(problem, controller), moving_freely(problem.contact_joints))
     if problem.constraints.rheonomic:
@@ -114,7 +117,7 @@ def with_regulator(scene: Scene) -> Scene:
     linear = linearise_states(equations, states, driven, places)
     names = tuple(model.v_names[k] for k in places)
     best, errors = _regulated(scene, linear, model.v_names)
-    holding, off = tuple(states.tau[0][list(driven)].tolist()), _pose_errors(problem, pose)
+    holding, off = tuple(states.tau[0][list(driven)].tolist()), _pose_errors(problem, pose, held)
     regulator = Regulator(
         names,
         tuple(map(tuple, best.K.tolist())),
@@ -138,14 +141,13 @@ def with_regulator(scene: Scene) -> Scene:
     return dataclasses.replace(scene, control=own)
 
 
-def _pose(scene: Scene, problem: Problem) -> Array:
-    """Return the pose (nq,) of the model, with its loops closed: driven joints that it names keep their place."""
+def _pose(scene: Scene, problem: Problem, held: Sequence[str]) -> Array:
+    """Return the pose (nq,) of the model, with its loops closed; held : the driven joints that it names."""
     names, given = problem.model.q_names, {**scene.initial.q, **scene.control.pose}
     if problem.model.closures:
         start = prepare(at_rest(scene)).assembled.q
         given = {**dict(zip(names, start.tolist())), **scene.control.pose}
-        hold = [name for name in scene.control.joints if name in scene.control.pose]
-        return assemble(problem, given, {}, hold).q
+        return assemble(problem, given, {}, held).q
     lacking = [name for name in names if name not in given]
     if lacking:
         raise _refusal(
@@ -154,18 +156,15 @@ def _pose(scene: Scene, problem: Problem) -> Array:
     return np.array([float(given[name]) for name in names])
 
 
-def _pose_errors(problem: Problem, pose: Array) -> Array:
-    """Return how far the positions (nq,) of a pose may be off: as far as its loops are open, and by rounding."""
-    rows = problem.constraints.loop_rows
-    if not rows:
+def _pose_errors(problem: Problem, pose: Array, held: Sequence[str]) -> Array:
+    """Return how far the positions (nq,) of a pose may be off, whose loops the joints closed that are not held."""
+    from robodyn_cli.ready.closed_errors import ErrorsOfClosing
+
+    if not problem.constraints.loop_rows:
         return np.zeros(len(pose))
-    eta, psi = problem.numbers([row.eta for row in rows], pose), problem.numbers(problem.psi, pose)
-    psi = psi[: len(rows)]
-    rounded = ROUNDED * max(1.0, float(np.abs(pose).max()))
-    moved = np.abs(np.linalg.pinv(psi, rcond=RANK)) @ (np.abs(eta) + rounded)
-    by_name, most = dict(zip(problem.model.v_names, moved.tolist())), float(moved.max())
-    # parts of attitudes are off by no more than the worst
-    return np.array([by_name.get(name, most) for name in problem.model.q_names])
+    stays = velocity_places(problem.model, held)
+    free = [k for k in range(problem.model.nv) if k not in stays]
+    return ErrorsOfClosing(LoopConditions(problem, nothing_led(), np.zeros(1)), RANK).of_positions(pose, free)
 
 
 def _holding_errors(

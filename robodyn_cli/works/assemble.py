@@ -19,6 +19,7 @@ from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.observe import add_sample
 from robodyn_cli.observe.units import JointColumns
+from robodyn_cli.ready.closed_errors import ErrorsOfClosing
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions, passive_coordinates
 from robodyn_cli.ready.singularity import mobility
@@ -43,7 +44,6 @@ from robodyn_cli.summaries.assemble import (
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.works.closed_errors import ErrorsOfClosing
 
 COUPLED = 1e-9  # entries of a projector that are no rounding
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign

@@ -14,19 +14,19 @@ from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.observe import add_sample
 from robodyn_cli.observe.rounding import ENLARGED
 from robodyn_cli.observe.units import JointColumns
+from robodyn_cli.ready.closed_errors import SAFETY, Noise
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.nested_options import ReachOptions
 from robodyn_cli.scene.types import Ready, Scene
-from robodyn_cli.solve.closing.balance import LEFT, MOST_STEP
+from robodyn_cli.solve.closing.balance import LEFT
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.mechanism import ReachedBranch, ReachErrors, ReachSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
-from robodyn_cli.works.closed_errors import SAFETY, Noise
-from robodyn_cli.works.rest.errors import BELIEVED, CLEAR, Nearby, parts_of
+from robodyn_cli.works.rest.errors import BELIEVED, CLEAR, Nearby, beyond_rounding, parts_of
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -157,7 +157,7 @@ class OffPose:
 class ErrorsOfPoses:
     """Errors of joint positions that bring a frame to a pose.
 
-    What is left of the pose and of loops, and rounding, which is drawn as for loops (``works.closed_errors``), move the
+    What is left of the pose and of loops, and rounding, which is drawn as for loops (``ready.closed_errors``), move the
     positions by J dq = e, with the least norm where the pose leaves freedoms. A direction in which J changes by
     much over such an error, as where branches meet, is searched instead (see ``works.rest.errors``).
 
@@ -228,13 +228,9 @@ class ErrorsOfPoses:
         """
         u, v, strong = along
         sure += CLEAR * abs(float(u @ self._at(q)[0]))
-        s = float(np.finfo(float).eps)
-        while s < MOST_STEP:
-            ends = []
-            for sign in (-1.0, 1.0):
-                there = self._moved(q, sign * s * v)
-                ends.append(self._moved(there, strong @ self._at(there)[0]))
-            if all(abs(float(u @ self._at(x)[0])) > sure for x in ends):
-                return ends
-            s *= 2.0
-        return []
+
+        def at(s: float) -> Array:
+            there = self._moved(q, s * v)
+            return self._moved(there, strong @ self._at(there)[0])
+
+        return beyond_rounding(at, lambda x: abs(float(u @ self._at(x)[0])) > sure)

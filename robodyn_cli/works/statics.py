@@ -223,25 +223,20 @@ def errors_of(state: AtRest) -> OffAtRest | None:
         staying = rows_that_stay(problem, len(state.near.expressions.conditions.names))
         return ErrorsOfBalances(state.near, staying)(state.q[None])[0]
     columns = velocity_places(problem.model, holding_joints(problem))
-    return errors_held(problem, columns, (state.q, state.lam, state.tau))
+    return errors_held(problem, problem.constraints.of_loops, columns, (state.q, state.lam, state.tau))
 
 
 def errors_held(
-    problem: Problem, columns: Sequence[int], held: tuple[Array, Array, Array]
+    problem: Problem, rows: Sequence[int], columns: Sequence[int], held: tuple[Array, Array, Array]
 ) -> OffAtRest | None:
     """Return the errors of a configuration q (nq,) that actuators of velocity coordinates hold with multipliers (m,) of
-    the loops, and of prescribed joints if there are more, and torques (nv,); None where rounding decides whether they
-    do."""
+    some rows and torques (nv,); None where rounding decides whether they do."""
     q, lam, tau = held
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     tolerance = float(closure.rank_tolerances(problem.model, gap_at(problem, q)))
     terms = terms_that_hold(problem, conditions)
     near = SingleRest(conditions, _Needed(problem, terms.load), tolerance, problem, terms)
-    loops = problem.constraints.of_loops
-    rows = loops if len(lam) == len(loops) else range(len(lam))
-    return ErrorsOfHolding(near, coordinates_that_close(problem), rows, columns)(
-        q[None], lam[None], tau[None]
-    )[0]
+    return errors_of_holding(problem, near, rows, columns)(q[None], lam[None], tau[None])[0]
 
 
 @record
@@ -265,16 +260,13 @@ def terms_that_hold(problem: Problem, conditions: LoopConditions) -> RestTerms:
     return RestTerms(conditions, load, none, [], (p, p))
 
 
-def errors_of_holding(problem: Problem, near: NearRest) -> ErrorsOfHolding:
-    """Return what tells the errors of configurations that actuators hold."""
-    columns = velocity_places(problem.model, holding_joints(problem))
-    return ErrorsOfHolding(near, coordinates_that_close(problem), problem.constraints.of_loops, columns)
-
-
-def coordinates_that_close(problem: Problem) -> list[int]:
-    """Return the velocity coordinates that move where loops are closed."""
+def errors_of_holding(
+    problem: Problem, near: NearRest, rows: Sequence[int], columns: Sequence[int]
+) -> ErrorsOfHolding:
+    """Return what tells the errors of configurations that rows and actuators of velocity coordinates hold."""
     stays = staying_places(problem)
-    return [k for k in range(problem.model.nv) if k not in stays]
+    free = [k for k in range(problem.model.nv) if k not in stays]
+    return ErrorsOfHolding(near, free, rows, columns)
 
 
 def loads_at_rest(state: AtRest, off: OffAtRest | None) -> tuple[Loads, PeakLoads]:

@@ -10,10 +10,18 @@ import numpy as np
 import pytest
 import yaml
 
-from robodyn_cli.errors import CapabilityError, GeometryError, NumericalError, SingularConfigurationError
+from robodyn_cli.errors import (
+    CapabilityError,
+    GeometryError,
+    NumericalError,
+    SceneError,
+    SingularConfigurationError,
+)
 from robodyn_cli.over.many.command import error_of, number_of
 from robodyn_cli.over.many.mechanism import Mechanism
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene import load_scene_text
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.linearise.linearise import linearise
 from robodyn_cli.works.statics import statics
 
@@ -213,6 +221,29 @@ def test_what_holds_a_linear_model(seed: int, about: str) -> None:
         error = summary["holding_torques_error"]["first"]
         covered(summary["holding_torques"]["first"], torque, error)
     assert error < 1e-6 * max(1.0, abs(torque))
+
+
+@pytest.mark.parametrize("seed", range(0, 60, 3))
+def test_the_pose_of_a_regulator_near_dead_points(seed: int) -> None:
+    text, parts = spring_four_bar(np.random.default_rng(seed), seed, "hold")
+    scene = yaml.safe_load(text)
+    pose, gains = (
+        {"first": scene["initial"]["q"]["first"]},
+        {key: {"first": 1.0} for key in ("q", "qd", "tau")},
+    )
+    control = {"type": "lqr", "joints": ["first"], "pose": pose, "gains": gains}
+    scene |= {"command": "simulate", "simulate": {"duration": 0.01}, "control": control}
+    del scene["statics"]
+    try:
+        design = integrable(load_scene_text(yaml.safe_dump(scene)), Stopwatch()).control.design
+    except (GeometryError, SingularConfigurationError, SceneError):
+        pytest.skip("bars that do not reach, or a pose that cannot be kept")
+    at = [x for _, x in design.at]
+    with mp.workdps(50):
+        q, _, torque = exact(parts, at, "hold")
+        for value, true, error in zip(at, q, design.at_errors):
+            covered(value, true, error)
+        covered(design.holding[0], torque, design.holding_errors[0])
 
 
 @pytest.mark.parametrize("find", ["balance", "hold"])

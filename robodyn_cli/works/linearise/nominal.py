@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from robodyn_cli.equations.linear.reduce import held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, of_option
+from robodyn_cli.ready.closed_errors import SAFETY
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import Setup, prepare, refuse_changes
@@ -23,8 +25,10 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, Unbalanced, share
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
 from robodyn_cli.tools.progress import Stopwatch
-from robodyn_cli.works.closed_errors import SAFETY
 from robodyn_cli.works.linearise.signals import inputs_of
+
+if TYPE_CHECKING:
+    from robodyn_cli.works.equilibria import AtRest
 
 # equations, states, and the forces that belong to the model
 Along = tuple[Problem, States, Callable[[Problem], Vector]]
@@ -93,7 +97,11 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
         )
     inputs, errors = inputs_of(problem, wished), None
     if question.about == "balance":
-        states, errors = _balance(problem, states)
+        from robodyn_cli.works.statics import errors_of
+
+        states, rest = _balance(problem, states)
+        off = errors_of(rest)
+        errors = None if off is None else off.holding
     elif question.about == "hold":
         states, force = States.one(states.q[0], 0.0 * states.v[0]), _passive
     equations = Residuals(problem, force(problem), _parameters(problem, states))
@@ -178,17 +186,14 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
     return parameters
 
 
-def _balance(problem: Problem, states: States) -> tuple[States, Array | None]:
-    """Return the balance reached from a configuration, and the errors of what holds joints of ``initial.hold``, a
-    constant torque."""
+def _balance(problem: Problem, states: States) -> tuple[States, AtRest]:
+    """Return the balance reached from a configuration; what holds joints of ``initial.hold`` is a constant torque."""
     from robodyn_cli.works.equilibria import balanced
-    from robodyn_cli.works.statics import errors_of
 
     rest = balanced(problem, states.q[0])
     own = problem.numbers(problem.actuator_torques, rest.q)
-    still, off = np.zeros(problem.model.nv), errors_of(rest)
-    balance = States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None])
-    return balance, None if off is None else off.holding
+    still = np.zeros(problem.model.nv)
+    return States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None]), rest
 
 
 def _held(
@@ -220,7 +225,9 @@ def _held(
         shared = share(values["Psi"], inputs, {"load": values["load"]}, rounded_rank(problem, q))
     except (LostRank, Unbalanced):
         return state, None
-    off = errors_held(problem, inputs, (q, shared.multipliers[0], shared.tau[0]))
+    off = errors_held(
+        problem, range(values["Psi"].shape[1]), inputs, (q, shared.multipliers[0], shared.tau[0])
+    )
     # two ways to the same torques differ by their rounding
     return state, None if off is None else off.tau + SAFETY * np.abs(shared.tau - state.tau)[0]
 

@@ -1,6 +1,6 @@
 """How far configurations at rest may be off: what residuals and rounding make of positions, torques and multipliers.
 
-As with closed loops (``works.closed_errors``), each number and result is changed by a random part of its rounding, and
+As with closed loops (``ready.closed_errors``), each number and result is changed by a random part of its rounding, and
 what follows is solved again: the loops, J dq = -F, and a balance, N^T (r - J^T lambda + K dq) = 0, then multipliers,
 torques and stiffness there. Directions in which the stiffness changes by much over such an error, as where balances
 meet, are searched instead: the balance is no farther away than where the force along them is clear of its rounding on
@@ -9,12 +9,14 @@ both sides. Where that is nowhere all positions along them balance, and the erro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from robodyn_cli.observe.rounding import ENLARGED
+from robodyn_cli.ready.closed_errors import SAFETY
 from robodyn_cli.record import record
 from robodyn_cli.results.result import magnitude
 from robodyn_cli.solve.closing.balance import (
@@ -28,8 +30,9 @@ from robodyn_cli.solve.closing.balance import (
 from robodyn_cli.solve.load_sharing import LostRank, Unbalanced, null_spaces, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import PeakLoad
-from robodyn_cli.works.closed_errors import SAFETY
 from robodyn_cli.works.rest.terms import ForcesAtRest, NearRest
+
+There = TypeVar("There")
 
 BELIEVED = 0.25  # part of itself by which the stiffness may change over an error of first order
 CLEAR = 2.0  # times what is left of a force and the largest rounding of it, from which on its sign is sure
@@ -180,17 +183,23 @@ class ErrorsOfBalances:
         def force(there: _There) -> Array:
             return np.asarray(N.T @ there.N[0] @ (there.N[0].T @ there.load[0]))
 
-        s = float(np.finfo(float).eps)
-        while s < MOST_STEP:
-            ends = []
-            for sign in (-1.0, 1.0):
-                there = self._there(rest.moved(here.q, sign * s * way[None])[0])
-                back = -N @ (strong @ force(there))
-                ends.append(self._there(rest.moved(there.q, back[None])[0]))
-            if all(abs(float(u @ force(there))) > sure for there in ends):
-                return ends
-            s *= 2.0
-        return []
+        def at(s: float) -> _There:
+            there = self._there(rest.moved(here.q, s * way[None])[0])
+            back = -N @ (strong @ force(there))
+            return self._there(rest.moved(there.q, back[None])[0])
+
+        return beyond_rounding(at, lambda there: abs(float(u @ force(there))) > sure)
+
+
+def beyond_rounding(at: Callable[[float], There], clear: Callable[[There], bool]) -> list[There]:
+    """Return the nearest places ``at`` steps of either sign along a motion that are both clear; none nowhere."""
+    s = float(np.finfo(float).eps)
+    while s < MOST_STEP:
+        ends = [at(-s), at(s)]
+        if all(map(clear, ends)):
+            return ends
+        s *= 2.0
+    return []
 
 
 def _apart(here: _There, there: _There) -> Array:

@@ -14,10 +14,10 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.loop_conditions import LoopConditions
 from robodyn_cli.observe.rounding import ENLARGED, UNIT, more_changes
+from robodyn_cli.ready.closed_errors import Noise
 from robodyn_cli.record import record
 from robodyn_cli.solve.closing.balance import ManyAtRest, OneAtRest
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.closed_errors import Noise
 
 SOLVED = 8.0  # units of rounding of the largest force of loops that the solution of equations for them leaves
 

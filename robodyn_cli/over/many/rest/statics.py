@@ -16,7 +16,7 @@ from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.many import Expressions, ManyNumbers
-from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
+from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.observe.reactions import REACTION_GROUPS, ReactionSamples, figures_of_runs
@@ -52,6 +52,7 @@ from robodyn_cli.works.statics import (
     assembled_at_rest,
     errors_of_holding,
     held_by_actuators,
+    holding_joints,
     problem_of,
     statics,
     summarise,
@@ -232,7 +233,9 @@ class RunsAtRest:
         lam, tau = np.zeros(eta.shape), np.zeros(self.q.shape)
         for k, state in states.items():
             lam[k], tau[k] = state.lam, state.tau
-        for k, off in enumerate(errors_of_holding(problem, self)(self.q, lam, tau)):
+        columns = velocity_places(problem.model, holding_joints(problem))
+        errors = errors_of_holding(problem, self, problem.constraints.of_loops, columns)
+        for k, off in enumerate(errors(self.q, lam, tau)):
             if off is not None and k in states:
                 found[k] = states[k], off, (eta[k], psi[k])
         return found
