@@ -193,8 +193,11 @@ def _rank_lines(facts: Mapping[str, Any]) -> Iterator[str]:
     kept, dropped = facts.get("smallest_kept"), facts.get("largest_dropped")
     if kept is None and dropped is None:
         return
-    text = "none counts" if kept is None else f"smallest that counts {number(kept, 3)}"
-    text += "" if dropped is None else f", largest that does not {number(dropped, 3)}"
+    told = {
+        key: stated(facts.get(key), facts.get(f"{key}_error")) for key in ("smallest_kept", "largest_dropped")
+    }
+    text = "none counts" if kept is None else f"smallest that counts {told['smallest_kept']}"
+    text += "" if dropped is None else f", largest that does not {told['largest_dropped']}"
     yield f"  singular values    {text} (over the largest; tolerance {facts['rank_tolerance']:g})"
 
 

@@ -23,10 +23,11 @@ from robodyn_cli.solve.closure import RANK as RANK_TOLERANCE
 from robodyn_cli.solve.closure import counted_rank, rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.facts import ABSENT, Absent
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 REDUCED = 1e-9  # ratio of singular values that counts as zero where coordinates are chosen
+DECOMPOSED = 1e-14  # of the largest singular value: what rounding leaves of each
 ROUNDED = 16.0  # roundings of 1 in an equation of a pose
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
@@ -209,19 +210,24 @@ def rank_tolerances(problem: Problem, gap: Array) -> Array:
     return closure.rank_tolerances(problem.model, gap, RANK_TOLERANCE)
 
 
-def mobility(problem: Problem, sigma: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:
+def mobility(
+    problem: Problem, sigma: Array, tolerance: float = RANK_TOLERANCE, off: Array | None = None
+) -> Mobility:
     """Return degrees of freedom by Gruebler's count and by the rank of the loops' Psi.
 
     sigma : its singular values in a pose (k,), or in several (T, k), largest first.
     count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
     and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
     vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank, which counts
-    singular values above ``tolerance`` times the largest. Of one pose the values beside that bound are told, too.
+    singular values above ``tolerance`` times the largest. Of one pose the values beside that bound are told, too, with
+    their errors where those of the entries of Psi are known: off (m, nv).
     """
     nv, rows = problem.model.nv, len(problem.constraints.of_loops)
     vanishing = len(problem.constraints.dropped)
     independent = counted_rank(sigma, tolerance)
     relative = sigma / max(sigma.max(initial=0.0), 1e-300) if sigma.ndim == 1 else np.empty(0)
+    kept = float(relative[independent - 1]) if 0 < independent <= len(relative) else ABSENT
+    dropped = float(relative[independent]) if independent < len(relative) else ABSENT
     return Mobility(
         coordinates=nv,
         rows=rows + vanishing,
@@ -232,6 +238,23 @@ def mobility(problem: Problem, sigma: Array, tolerance: float = RANK_TOLERANCE) 
         planar_count=nv - rows,
         actual=nv - independent,
         rank_tolerance=tolerance,
-        smallest_kept=float(relative[independent - 1]) if 0 < independent <= len(relative) else ABSENT,
-        largest_dropped=float(relative[independent]) if independent < len(relative) else ABSENT,
+        smallest_kept=kept,
+        largest_dropped=dropped,
+        smallest_kept_error=_off_ratio(kept, sigma, off),
+        largest_dropped_error=_off_ratio(dropped, sigma, off),
     )
+
+
+def _off_ratio(ratio: float | Absent, sigma: Array, off: Array | None) -> float | Absent | None:
+    """Return how far a ratio of a singular value to the largest may be off: no singular value changes by more than the
+    norm of what the matrix changes by (Weyl 1912)."""
+    if isinstance(ratio, Absent):
+        return ABSENT
+    return None if off is None else off_ratio(ratio, sigma, off)
+
+
+def off_ratio(ratio: float, sigma: Array, off: Array) -> float:
+    """Return the same of singular values (k,) of a matrix whose entries are off by (m, n)."""
+    largest = float(sigma.max(initial=0.0))
+    change = float(np.linalg.norm(off)) + DECOMPOSED * largest
+    return change * (1.0 + ratio) / (largest - change) if largest > 2.0 * change else 1.0

@@ -28,8 +28,16 @@ class Mobility:
     planar_count: int = fact("coordinates less the rows that do not vanish identically")
     actual: int = fact("degrees of freedom by the rank of the loops' rows")
     rank_tolerance: float = fact("part of the largest singular value of Psi below which one counts as zero")
-    smallest_kept: float | Absent = fact("smallest singular value that counts, over the largest")
-    largest_dropped: float | Absent = fact("largest singular value that does not count, over the largest")
+    smallest_kept: float | Absent = fact(
+        "smallest singular value that counts, over the largest", errors=(".smallest_kept_error",)
+    )
+    largest_dropped: float | Absent = fact(
+        "largest singular value that does not count, over the largest", errors=(".largest_dropped_error",)
+    )
+    smallest_kept_error: float | Absent | None = fact(
+        "of the former, by errors of the configuration and rounding; `null` where these are not known"
+    )
+    largest_dropped_error: float | Absent | None = fact("of the latter, likewise")
 
 
 @record
@@ -38,10 +46,15 @@ class ClosedBranch:
 
     configuration: dict[str, float] = fact("joint positions", OWN, errors=(".errors.JOINT",))
     determinant: float | None = fact(
-        "of the block of Psi of the coordinates that were solved; its unit follows the rows and these coordinates"
+        "of the block of Psi of the coordinates that were solved; its unit follows the rows and these coordinates",
+        errors=(".determinant_error",),
     )
+    determinant_error: float | None = fact("of the determinant, in its unit")
     orientation: int | None = fact("sign of the determinant")
-    singular_ratio: float = fact("smallest over largest singular value of that block")
+    singular_ratio: float = fact(
+        "smallest over largest singular value of that block", errors=(".singular_ratio_error",)
+    )
+    singular_ratio_error: float = fact("of this ratio")
     residual: float = fact("largest residual of the loops", "m or rad", errors=None)
     chosen: bool = fact("whether it is the configuration of the result")
     errors: dict[str, float] = fact("of the joint positions", OWN)
@@ -125,7 +138,9 @@ class AssembleSummary:
     undriven: list[UndrivenFreedoms] | Absent = fact("freedoms that nothing drives, where joints are driven")
     mass_condition: float | Absent = fact(
         "condition number of the inertia of the freedoms: accelerations lose its logarithm in digits; absent without "
-        "freedoms, with missing data, or where a freedom moves no mass"
+        "freedoms, with missing data, or where a freedom moves no mass",
+        errors=("mass_condition_error",),
     )
+    mass_condition_error: float | Absent = fact("of this number, by errors of the configuration and rounding")
     branches: list[ClosedBranch] | Absent = fact("the ways in which the loops close, where asked for")
     branch_search: BranchSearch | Absent = fact("how they were sought")

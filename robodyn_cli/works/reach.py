@@ -201,7 +201,8 @@ class ErrorsOfPoses:
         sure = CLEAR * SAFETY / ENLARGED * np.abs(off @ U).max(axis=0)
         for k in np.flatnonzero(~kept[: self.rank]):
             places += self._cleared(q, (U[:, k], Vt[k], strong), float(sure[k]))
-        nearby = Nearby(np.array(places), np.zeros((len(places), 0)), weights)
+        none = np.zeros((len(places), 0))
+        nearby = Nearby(np.array(places), none, none[:, None], weights)
         ratios = np.array([self._ratio(x) for x in jacobians] + [self.ratio(x) for x in places[len(parts) :]])
         error = nearby.off((ratios - self._ratio(J))[:, None])[0] + LEFT
         return OffPose(nearby.off(nearby.q - q), float(error))

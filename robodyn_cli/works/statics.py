@@ -45,7 +45,7 @@ from robodyn_cli.works.equilibria import (
     rows_that_stay,
     staying_places,
 )
-from robodyn_cli.works.rest.errors import ErrorsOfBalances, ErrorsOfHolding, OffAtRest, with_errors
+from robodyn_cli.works.rest.errors import ErrorsOfBalances, ErrorsOfHolding, Nearby, OffAtRest, with_errors
 from robodyn_cli.works.rest.terms import NearRest, RestTerms, RoundedLoads, SingleRest
 
 
@@ -300,10 +300,15 @@ def loops_at(state: AtRest) -> tuple[Array, Array]:
     return eta, psi_at(problem, state.q)
 
 
-def mobility_at(state: AtRest, eta: Array, psi: Array) -> Mobility:
-    """Return the degrees of freedom of the configuration, with eta (m,) and Psi (m, nv) of its loops."""
-    gap = np.abs(eta).max(initial=0.0)
-    return mobility(state.problem, singular_values(psi), float(rank_tolerances(state.problem, gap)))
+def mobility_at(state: AtRest, eta: Array, psi: Array, beside: Nearby | None = None) -> Mobility:
+    """Return the degrees of freedom of the configuration, with eta (m,) and Psi (m, nv) of its loops; beside : what
+    rounding may make of it."""
+    problem, off = state.problem, None
+    tolerance = float(rank_tolerances(problem, np.abs(eta).max(initial=0.0)))
+    if beside is not None:
+        changes = beside.J[:, problem.constraints.of_loops] - psi
+        off = beside.off(changes.reshape(len(changes), -1)).reshape(psi.shape)
+    return mobility(problem, singular_values(psi), tolerance, off)
 
 
 def report(state: AtRest, loads: Loads | None) -> Result:
@@ -348,7 +353,7 @@ def summarise(
     eta, psi = loops or loops_at(state)
     return StaticsSummary(
         termination=Termination("balanced" if find == "balance" else "held", 0.0),
-        mobility=mobility_at(state, eta, psi) if rows else ABSENT,
+        mobility=mobility_at(state, eta, psi, None if off is None else off.beside) if rows else ABSENT,
         warnings=_beyond_limits(state) or ABSENT,
         multipliers=dict(zip(names, state.lam.tolist())) if rows else ABSENT,
         constraint_residual=LoopResidual(float(np.abs(eta).max())) if rows else ABSENT,

@@ -48,8 +48,9 @@ def four_bar(lengths: Sequence[float], pivot: float, angles: Sequence[float], ra
     return yaml.safe_dump(scene)
 
 
-def exact(lengths: Sequence[float], pivot: float, q: Any, rate: float) -> tuple[Any, Any, Any]:
-    """Return q, v and v-dot of least norm of the closed four-bar near q, with a given angle and rate of the crank."""
+def exact(lengths: Sequence[float], pivot: float, q: Any, rate: float) -> tuple[Any, Any, Any, Any]:
+    """Return q, v and v-dot of least norm of the closed four-bar near q, with a given angle and rate of the crank, and
+    the Jacobian of its closure."""
     a, b, c = map(mp.mpf, lengths)
     first = mp.mpf(q[0])
 
@@ -66,7 +67,13 @@ def exact(lengths: Sequence[float], pivot: float, q: Any, rate: float) -> tuple[
     # e'' of each bar at constant rates: -rate^2 r e
     bars = ((a, first, v[0], 1), (b, total, v[0] + v[1], 1), (c, third, v[2], -1))
     gamma = mp.matrix([sum(-s * r * w**2 * f(x) for r, x, w, s in bars) for f in (mp.cos, mp.sin)])
-    return [first, second, third], v, list(J.T * mp.lu_solve(J * J.T, -gamma))
+    return [first, second, third], v, list(J.T * mp.lu_solve(J * J.T, -gamma)), J
+
+
+def ratio(J: Any) -> Any:
+    """Return the smallest over the largest singular value of a matrix of two rows."""
+    sizes = mp.svd(J, compute_uv=False)
+    return sizes[1] / sizes[0]
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -84,14 +91,48 @@ def test_errors_cover_what_many_digits_tell(seed: int) -> None:
     except (GeometryError, SingularConfigurationError):
         pytest.skip("bars that do not reach, or in line")
     with mp.workdps(50):
-        q, v, a_ = exact(lengths, pivot, list(summary["configuration"].values()), rate)
+        q, v, a_, J = exact(lengths, pivot, list(summary["configuration"].values()), rate)
         for key, true in (("configuration", q), ("rates", v), ("accelerations", a_)):
             stated = summary["error_estimate"][key]
             for name, value in zip(JOINTS, true):
                 off = abs(float(mp.mpf(summary[key][name]) - value))
                 assert off <= stated[name], (key, name, off, stated[name])
+        rank = summary["mobility"]
+        assert abs(float(mp.mpf(rank["smallest_kept"]) - ratio(J))) <= rank["smallest_kept_error"]
         for branch in summary["branches"]:
-            q, *_ = exact(lengths, pivot, list(branch["configuration"].values()), rate)
+            q, _, _, J = exact(lengths, pivot, list(branch["configuration"].values()), rate)
+            for key, true in (("singular_ratio", ratio(J[:, 1:])), ("determinant", mp.det(J[:, 1:]))):
+                assert abs(float(mp.mpf(abs(branch[key])) - abs(true))) <= branch[f"{key}_error"], key
             for name, value in zip(JOINTS, q):
                 assert abs(float(mp.mpf(branch["configuration"][name]) - value)) <= branch["errors"][name]
         assert max(summary["error_estimate"]["configuration"].values()) < 1e-7
+        assert 0.0 < rank["smallest_kept_error"] < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_condition_number_of_the_inertia(seed: int) -> None:
+    """A wheel beside a four-bar, near dead points too, where its crank is far from what turns."""
+    rng = np.random.default_rng(seed)
+    lengths, pivot, wheel = (
+        rng.uniform(0.4, 1.6, 3).tolist(),
+        float(rng.uniform(0.3, 1.5)),
+        10.0 ** rng.uniform(-2, 3),
+    )
+    scene = yaml.safe_load(four_bar(lengths, pivot, rng.uniform(-3.0, 3.0, 3).tolist(), 0.0))
+    robot, rest = scene["robot"], {"a": 0, "alpha": 0, "d": 0}
+    robot["joints"].append({"name": "turn", "type": "revolute", "parent": "base", "link": "wheel", **rest})
+    robot["links"].append({"name": "wheel", **MASS, "inertia": {"zz": float(wheel)}})
+    scene["initial"]["q"]["turn"], scene["assemble"] = 0, {}
+    try:
+        summary = assemble(load_scene_text(yaml.safe_dump(scene))).summary
+    except (GeometryError, SingularConfigurationError):
+        pytest.skip("bars that do not reach, or in line")
+    with mp.workdps(50):
+        *_, J = exact(lengths, pivot, list(summary["configuration"].values())[:3], 0.0)
+        n = mp.matrix([J[0, 1] * J[1, 2] - J[0, 2] * J[1, 1], J[0, 2] * J[1, 0] - J[0, 0] * J[1, 2],
+                       J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]])  # fmt: skip
+        M = mp.matrix([[2 + mp.mpf(lengths[0]) ** 2, 1, 0], [1, 1, 0], [0, 0, 1]])
+        bars, turning = (n.T * M * n)[0] / (n.T * n)[0], mp.mpf(float(wheel))
+        true = max(bars, turning) / min(bars, turning)
+        off = abs(float(mp.mpf(summary["mass_condition"]) - true))
+    assert off <= summary["mass_condition_error"] < 1e-6 * summary["mass_condition"], off

@@ -205,6 +205,8 @@ def test_four_bars_with_springs(seed: int, find: str) -> None:
             covered(abs(value), abs(true), error)
         load = summary["reactions"]["largest"]["pin"]
         covered(load["peak_force"], mp.sqrt(pin[0] ** 2 + pin[1] ** 2), load["force_error"])
+        rank, sizes = summary["mobility"], mp.svd(mp.matrix(parts(*q)[2]), compute_uv=False)
+        covered(rank["smallest_kept"], sizes[1] / sizes[0], rank["smallest_kept_error"])
     assert max(off["configuration"].values()) < 1e-6
 
 
@@ -254,6 +256,7 @@ def test_many_runs_state_the_errors_of_single_ones(find: str) -> None:
         "torques_of_joints.first",
         "multipliers.pin.x",
         "reactions.largest.pin.peak_force",
+        "mobility.smallest_kept",
     ]
     keys += ["equilibrium.stiffness.0"] if find == "balance" else []
     mechanism = Mechanism(load_scene_text(text), vary=["robot.links.bar1.mass"])

@@ -12,7 +12,7 @@ from robodyn_cli.cli.figure_words import figure_table
 from robodyn_cli.cli.offers import names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import closure_text, mobility_lines, number
+from robodyn_cli.cli.words import closure_text, mobility_lines, number, stated
 from robodyn_cli.report.cells import Figure, Table
 from robodyn_cli.summaries.facts import ACCELERATION, RATE
 
@@ -79,7 +79,8 @@ def _branches(summary: Mapping[str, Any]) -> str:
         sign = {1: "+", -1: "-", 0: "0"}.get(branch["orientation"], "?")
         q = [Figure(x, branch["errors"][name], units[name]) for name, x in branch["configuration"].items()]
         chosen = f"{k} (chosen)" if branch["chosen"] else str(k)
-        rows.append([chosen, *q, *([sign] if signed else []), number(branch["singular_ratio"], 3)])
+        ratio = Figure(branch["singular_ratio"], branch["singular_ratio_error"])
+        rows.append([chosen, *q, *([sign] if signed else []), ratio])
     return figure_table(Table(head, rows))
 
 
@@ -117,10 +118,10 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
         joints = ", ".join(part["joints"])
         undriven[joints] = undriven.get(joints, 0) + part["count"]
     lines += [f"  nothing drives     {n} of the freedoms: of {joints}" for joints, n in undriven.items()]
-    if summary.get("mass_condition", 0.0) > ILL_CONDITIONED:
-        digits = math.log10(summary["mass_condition"])
+    if (condition := summary.get("mass_condition", 0.0)) > ILL_CONDITIONED:
+        digits, off = math.log10(condition), summary["mass_condition_error"]
         lines.append(
-            f"  inertia            condition number {number(summary['mass_condition'], 3)} over the freedoms, as very "
+            f"  inertia            condition number {stated(condition, off)} over the freedoms, as very "
             f"light links make it: accelerations lose {digits:.0f} digits"
         )
     branches = summary.get("branches")

@@ -40,13 +40,15 @@ CLEAR = 2.0  # times what is left of a force and the largest rounding of it, fro
 
 @record
 class Nearby:
-    """Configurations q (B, nq), with the multipliers lam (B, m) of all rows, that rounding may make of one at rest.
+    """Configurations q (B, nq), with the multipliers lam (B, m) and J (B, m, nv) of all rows, that rounding may make of
+    one at rest.
 
     weights : (draws,) of differences to the first of them, which makes them errors; the others are as far as may be.
     """
 
     q: Array
     lam: Array
+    J: Array
     weights: Array
 
     def off(self, changes: Array) -> Array:
@@ -75,10 +77,11 @@ class OffAtRest:
 
 @record
 class _There:
-    """What follows from positions q (R, nq): the load, multipliers, torques and those that keep joints in place, the
-    stiffness K (R, nv, nv), and the motions N (R, nv, f) that constraints allow."""
+    """What follows from positions q (R, nq): J (R, m, nv), the load, multipliers, torques and those that keep joints in
+    place, the stiffness K (R, nv, nv), and the motions N (R, nv, f) that constraints allow."""
 
     q: Array
+    J: Array
     load: Array
     lam: Array
     tau: Array
@@ -131,11 +134,15 @@ class ErrorsOfBalances:
         cuts = np.cumsum([x.shape[1] for x in (here.q, here.lam, here.tau)])
         found = []
         for k, weight in enumerate(weights):
-            nearby = Nearby(np.array([x.q[k] for x in beside]), np.array([x.lam[k] for x in beside]), weight)
+            places, multipliers, rows = (
+                np.array([own[k] for own in every])
+                for every in zip(*((there.q, there.lam, there.J) for there in beside))
+            )
+            nearby = Nearby(places, multipliers, rows, weight)
             off = nearby.off(np.array([x[k] for x in figures[1]]) - figures[0][k])
-            own, lam, tau, holding = np.split(off, cuts)
+            positions, lam, tau, holding = np.split(off, cuts)
             stiffness = float(nearby.off(spectra[:, k, None])[0] + rounded[k])
-            found.append(OffAtRest(own, lam, tau, holding, stiffness, bool(sure[k]), nearby))
+            found.append(OffAtRest(positions, lam, tau, holding, stiffness, bool(sure[k]), nearby))
         return found
 
     def _there(self, q: Array, change: ForcesAtRest | None = None) -> _There:
@@ -148,7 +155,7 @@ class ErrorsOfBalances:
         _, ranks, Vt = null_spaces(terms.J, rest.tolerance)
         N = np.swapaxes(Vt[:, int(ranks.max()) :], 1, 2)
         K = rest.stiffness(q, lam) + terms.K
-        return _There(q, terms.load, lam, terms.tau + holding, holding, K, N)
+        return _There(q, terms.J, terms.load, lam, terms.tau + holding, holding, K, N)
 
     def _draws(self, here: _There, changes: ForcesAtRest, inverse: Array) -> tuple[list[_There], Array]:
         """Return what rounding may make of balances, and the weights (R, draw) of that; inverse : of the reduced
@@ -251,7 +258,8 @@ class ErrorsOfHolding:
             if (shared := self._shared(beside, k)) is None:
                 found.append(None)
                 continue
-            nearby = Nearby(np.array([x[k] for x in places]), shared[0], SAFETY / (ENLARGED * parts[k]))
+            rows = np.array([x.J[k] for x in beside])
+            nearby = Nearby(np.array([x[k] for x in places]), shared[0], rows, SAFETY / (ENLARGED * parts[k]))
             apart = (nearby.q - own, shared[0] - every[k], shared[1] - tau[k], np.zeros_like(shared[1]))
             positions, multipliers, torques, none = map(nearby.off, apart)
             found.append(OffAtRest(positions, multipliers, torques, none, 0.0, True, nearby))
