@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Result, units_of
+from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL
@@ -137,10 +137,20 @@ STATEMENTS = (
     Statement(
         ("error_estimate", "force_residual"),
         "forces out of balance by",
-        ("tau", "reactions"),
+        (),
         is_main=True,
     ),
 )
+# datasets of one sample whose errors the summary states by the names of their columns: under which key, and what names
+BY_COLUMN = {
+    "q": ("configuration", "JOINT"),
+    "qd": ("rates", "JOINT"),
+    "qdd": ("accelerations", "JOINT"),
+    "tau": ("torques_of_joints", "JOINT"),
+    "constraints/multipliers": ("multipliers", "ROW"),
+}
+# loads, whose largest magnitudes have their errors beside them
+LARGEST = ("reactions", "loop_reactions", "base_wrench")
 # a run that goes on after the lock states its errors phase by phase
 PHASES = {"": (), "after the lock": ("after_lock",)}
 # datasets, and groups of them, that have their errors in another one
@@ -187,7 +197,12 @@ def error_places(path: str) -> list[str]:
     group, _, name = path.partition("/")
     if group in BESIDE:
         return [f"/{BESIDE[group]}/{name}"]
-    return [".".join(one.key) for one in STATEMENTS if any(_is_inside(path, about) for about in one.about)]
+    places = [".".join(one.key) for one in STATEMENTS if any(_is_inside(path, about) for about in one.about)]
+    if path in BY_COLUMN:
+        places.append("error_estimate.{}.{}".format(*BY_COLUMN[path]))
+    if group in LARGEST:
+        places += [f"reactions.largest.{name or group}.{load}_error" for load in ("force", "moment")]
+    return places
 
 
 def _is_inside(path: str, group: str) -> bool:
@@ -208,6 +223,8 @@ def stated_error(result: Result, path: str) -> Array:
     beside = BESIDE.get(path) or f"{BESIDE.get(group)}/{key}"
     if beside in result:
         return result[beside]
+    if (by_column := _errors_by_column(result, path)) is not None:
+        return by_column
     if path == "energy/total" and summary.get("energy_balance") != CONSERVED:
         return np.array(np.nan)
     # one phase without an error leaves the dataset without one
@@ -216,6 +233,15 @@ def stated_error(result: Result, path: str) -> Array:
     return np.array(
         sum(_number(summary, *place, *key) for place in phases for key in keys) if keys else np.nan
     )
+
+
+def _errors_by_column(result: Result, path: str) -> Array | None:
+    """Return the errors (n,) that the summary of a result of one sample states by columns; None where it does not."""
+    estimate = result.summary.get("error_estimate")
+    errors = estimate.get(BY_COLUMN[path][0]) if path in BY_COLUMN and isinstance(estimate, Mapping) else None
+    if not isinstance(errors, Mapping) or path not in result.variables:
+        return None
+    return np.array([_number(errors, name) for name in column_names(result.variables[path])])
 
 
 def meaningful_until(summary: Mapping[str, Any]) -> float:
@@ -228,9 +254,9 @@ def meaningful_error(result: Result, path: str) -> float:
     """Return the largest error that a result states of a dataset over time while the motion is meaningful; nan where it
     states none."""
     error = stated_error(result, path)
-    if error.size != 1:
+    if error.size != 1 and path not in BY_COLUMN:
         return np.nan
-    largest = float(error.item())
+    largest = float(error.max(initial=0.0))
     if path in ("q", "qd") and np.isfinite(meaningful_until(result.summary)):
         # the definition of the time from which on it is larger
         largest = min(largest, NOT_MEANINGFUL * float(np.ptp(result[path], axis=0).max(initial=0.0)))

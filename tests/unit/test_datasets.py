@@ -6,18 +6,20 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.commands import STUDIED
+from robodyn_cli.commands import COMMANDS, STUDIED
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.sensitivity.report import sensitivity
 from robodyn_cli.over.stability.stability import stability
 from robodyn_cli.results import catalogue
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.stated_errors import BESIDE, STATEMENTS, error_places
+from robodyn_cli.results.stated_errors import BESIDE, STATEMENTS, error_places, meaningful_error, stated_error
 from robodyn_cli.scene.load import Family, load_scene
+from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.tools.progress import Stopwatch, no_progress
 from robodyn_cli.works.assemble import assemble
 from robodyn_cli.works.info import info
 from robodyn_cli.works.linearise.linearise import linearise
+from robodyn_cli.works.statics import statics
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEW = ["inverse.samples=11", "simulate.samples=11", "simulate.error_estimate=false"]
@@ -88,5 +90,28 @@ def test_errors_of_datasets_are_those_of_datasets_that_exist() -> None:
             assert any(path == about or path.startswith(f"{about}/") for path in paths), about
     for group in (*BESIDE, *BESIDE.values()):
         assert any(path == group or path.startswith(f"{group}/") for path in paths), group
+    for path in catalogue.ENTRIES:
+        for place in error_places(path.path):
+            known = any(leaf_of(name, place) for name, row in COMMANDS.items() if row.summary)
+            assert known or place.removeprefix("/") in paths, place
     assert error_places("outputs/KEY") == ["/errors/KEY"] and "error_estimate.q_max" in error_places("q")
     assert error_places("linear/poles_real") == ["/linear/poles_error"]
+
+
+@pytest.mark.parametrize("find", ["balance", "hold"])
+def test_datasets_of_one_sample_have_the_errors_of_their_columns(find: str) -> None:
+    """Torques at rest have errors of their own, joint by joint, and not the force that is left."""
+    found = statics(
+        load_scene(CONFIGS / "parallelogram.yaml", [f"statics.find={find}", "gravity=[0, -9.81, 0]"])
+    )
+    closed = assemble(load_scene(CONFIGS / "four_bar_deploy.yaml"))
+    for result, paths in (
+        (found, {"q": "configuration", "tau": "torques_of_joints", "constraints/multipliers": "multipliers"}),
+        (closed, {"q": "configuration", "qd": "rates", "qdd": "accelerations"}),
+    ):
+        for path, key in paths.items():
+            own = dict(zip(result.variables[path].names, stated_error(result, path).tolist()))
+            assert own == result.summary["error_estimate"][key]
+            assert any(own.values()) or path in ("qd", "qdd")
+            assert meaningful_error(result, path) == max(own.values())
+    assert "error_estimate.force_residual" not in error_places("tau")
