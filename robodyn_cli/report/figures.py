@@ -148,14 +148,22 @@ def _cell(
     summary: Summary, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
 ) -> Figure:
     """Return a figure, of a joint, a point or a column if it has a name, with its error and unit as declared."""
-    place = tuple(name if step.isupper() else step for step in steps)
+
+    def named(
+        steps: Sequence[str],
+    ) -> tuple[str, ...]:  # names of coordinates have dots of their own: ball.qw
+        return tuple(name if step.isupper() else step for step in steps)
+
+    place = named(steps)
     own = dataclasses.replace(leaf, names=(name,), key=".".join(steps))
     error = _larger(
         *(
-            _at(summary, *place[:-1], *key[1:].split("."))
-            if key.startswith(".")
-            else _at(summary, *named.split("."))
-            for key, named in zip(leaf.fact.errors, own.errors)
+            _at(
+                summary,
+                *(place[:-1] if key.startswith(".") else ()),
+                *named(key.removeprefix(".").split(".")),
+            )
+            for key in leaf.fact.errors
         )
     )
     return Figure(_at(summary, *place), error, own.unit(coordinates), leaf.fact.infinite)

@@ -60,14 +60,20 @@ class Leaf:
     @property
     def errors(self) -> tuple[str, ...]:
         """Keys of the summary that state its error."""
-        beside = self.key.rpartition(".")[0]
         return tuple(
-            beside + key if key.startswith(".") else self._with_names(key) for key in self.fact.errors
+            self._beside(key) if key.startswith(".") else self._with_names(key) for key in self.fact.errors
         )
 
-    def _with_names(self, key: str) -> str:
-        names = iter(self.names)
-        return ".".join(next(names) if step.isupper() else step for step in key.split("."))
+    def _beside(self, key: str) -> str:
+        """Return a key beside this one; where it has names, beside the map that has them."""
+        if not any(map(str.isupper, key.split("."))):
+            return self.key.rpartition(".")[0] + key
+        of_map = self.key.removesuffix(f".{self.names[-1]}")
+        return of_map.rpartition(".")[0] + self._with_names(key, self.names[-1:])
+
+    def _with_names(self, key: str, names: Sequence[str] | None = None) -> str:
+        left = iter(self.names if names is None else names)
+        return ".".join(next(left) if step.isupper() else step for step in key.split("."))
 
 
 @functools.cache

@@ -204,6 +204,8 @@ def test_errors_name_what_was_passed_on_the_way() -> None:
     assert mean is not None and mean.errors == ("results.lock.time.mean_error",)
     level = leaf_of("sweep", "results.lock.time.quantiles.95 %")
     assert level is not None and level.errors == ("results.lock.time.quantile_errors.95 %",)
+    branch = leaf_of("assemble", "branches.1.configuration.ball.wx")
+    assert branch is not None and branch.errors == ("branches.1.errors.ball.wx",)
     text = leaf_of("inverse", "status")
     assert text is not None and not text.is_number
 
