@@ -20,6 +20,8 @@ from robodyn_cli.errors import (
 from robodyn_cli.over.many.command import error_of, number_of
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.ready.integrable import integrable
+from robodyn_cli.report.cells import Figure
+from robodyn_cli.report.figures import declared
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.linearise.linearise import linearise
@@ -248,6 +250,19 @@ def test_the_pose_of_a_regulator_near_dead_points(seed: int) -> None:
         covered(design.holding[0], torque, design.holding_errors[0])
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_joints_that_are_held_are_where_they_are(seed: int) -> None:
+    """Nothing is left of solving for them beside the others."""
+    scene = yaml.safe_load(spring_four_bar(np.random.default_rng(seed), seed, "balance")[0])
+    scene["initial"]["q"]["first"], scene["initial"]["hold"] = 0.0, ["first"]
+    try:
+        summary = statics(load_scene_text(yaml.safe_dump(scene))).summary
+    except (GeometryError, SingularConfigurationError, NumericalError):
+        pytest.skip("bars that do not reach, or in line")
+    for own in (summary["configuration"], summary["error_estimate"]["configuration"]):
+        assert own["first"] == 0.0
+
+
 @pytest.mark.parametrize("find", ["balance", "hold"])
 def test_many_runs_state_the_errors_of_single_ones(find: str) -> None:
     text, _ = spring_four_bar(np.random.default_rng(7), 7, find)
@@ -320,3 +335,30 @@ def test_a_column_about_to_buckle(above: float) -> None:
 def test_what_nothing_holds_is_the_nearest_of_its_balances() -> None:
     q, error, facts = at_a_fold(com="0, 0, 0")
     assert (q, error, facts["stability"]) == (0.3, 0.0, "indifferent")
+
+
+BALL = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: ball, type: spherical, spring: {stiffness: 3}}
+    - {name: arm, type: revolute, axis: [0,0,1], origin: {xyz: [0.7, 0, 0]}, spring: {stiffness: 2}}
+  links:
+    - {name: a, mass: 1, com: [0.3,0,0], com_frame: joint, inertia: {xx: 1, yy: 1, zz: 1}}
+    - {name: b, mass: 1, com: [0.3,0,0], com_frame: joint, inertia: {xx: 1, yy: 1, zz: 1}}
+initial: {q: {ball: {rotation_vector: [0.1,0.2,0.4]}, arm: 0}, hold: [ball]}
+statics: {find: balance}
+"""
+
+
+def test_coordinates_of_balls_have_their_errors_in_tables() -> None:
+    """Their names have dots, as keys have."""
+    found = statics(load_scene_text(BALL))
+    joints = [table for table in declared(found) if table.head[0] == "joint"]
+    told = {str(row[0]): row[1] for table in joints for row in table.rows}
+    off = found.summary["error_estimate"]
+    assert {"ball.qw", "ball.wx", "arm"} <= set(told)
+    for name, figure in told.items():
+        known = [off[key][name] for key in ("configuration", "torques_of_joints") if name in off[key]]
+        assert isinstance(figure, Figure) and figure.error in known, name

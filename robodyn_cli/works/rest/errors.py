@@ -163,16 +163,25 @@ class ErrorsOfBalances:
         rest, terms = self.rest, self.rest.terms(here.q)
         back = np.linalg.pinv(terms.J, rcond=rest.tolerance)
         left = terms.load - np.einsum("rmv,rm->rv", terms.J, here.lam)
-        dq = -np.einsum("rvm,rdm->rdv", back, ENLARGED * terms.F[:, None] + changes.F)
+        lacking = ENLARGED * terms.F[:, None] + changes.F
+        dq = -np.einsum("rvm,rdm->rdv", back, lacking)
         force = ENLARGED * left[:, None] + changes.load - np.einsum("rdmv,rm->rdv", changes.J, here.lam)
         force += np.einsum("rvw,rdw->rdv", here.K, dq)
         dq -= (here.N @ inverse @ np.swapaxes(here.N, 1, 2) @ np.swapaxes(force, 1, 2)).swapaxes(1, 2)
+        for row, column in self._alone(terms.J):
+            dq[:, :, column] = -lacking[:, :, row] / terms.J[:, row, column, None]
         parts = parts_of(dq, rest.lengths)
         there = [
             self._there(rest.step(here.q, parts[:, k, None] * dq[:, k]), changes.part(k, parts[:, k]))
             for k in range(dq.shape[1])
         ]
         return there, SAFETY / (ENLARGED * parts)
+
+    def _alone(self, J: Array) -> list[tuple[int, int]]:
+        """Return the rows that keep a single coordinate in place, and which: it is off by what they lack, and not by
+        what solving for all coordinates leaves."""
+        used = (J != 0.0).any(axis=0)
+        return [(i, int(used[i].argmax())) for i in self.staying if np.count_nonzero(used[i]) == 1]
 
     def _cleared(
         self, here: _There, changes: ForcesAtRest, along: tuple[Array, Array, Array]
