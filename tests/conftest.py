@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import gc
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,14 +23,17 @@ SLOW, FURTHER = (
     for name in ("slow.txt", "further.txt")
 )
 
+BEGUN, OWN = pytest.StashKey[float](), pytest.StashKey[bool]()
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name, ``further`` as listed."""
-    met = set(SLOW)
+    met, values = set(SLOW), set[tuple[str, str, str | int]]()
     for item in items:
         if not isinstance(item, pytest.Function) or item.get_closest_marker("benchmarks"):
             continue
         name = f"{item.module.__name__}.{item.originalname}"
+        item.stash[OWN] = _brings_a_value(item, name, values)
         if name + item.name.removeprefix(item.originalname) in FURTHER:
             item.add_marker(pytest.mark.further)
         if name not in met:
@@ -37,10 +41,42 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.quick)
 
 
+def _brings_a_value(item: pytest.Function, name: str, met: set[tuple[str, str, str | int]]) -> bool:
+    """Tell whether a case is the first of its function with one of its values; numbers are samples of one branch."""
+    given = item.callspec.params if hasattr(item, "callspec") else {}
+    new = {
+        (name, argument, value if isinstance(value, str) else id(value))
+        for argument, value in given.items()
+        if isinstance(value, bool) or not isinstance(value, int | float)
+    } - met
+    met |= new
+    return bool(new)
+
+
 def pytest_collection_finish() -> None:
     """Leave what collection has made, ten thousand tests, out of all later searches for garbage."""
     gc.collect()
     gc.freeze()
+
+
+def processor_time() -> float:
+    """Return how long this process and those that it has waited for have computed so far [s]."""
+    so_far = os.times()
+    return time.process_time() + so_far.children_user + so_far.children_system
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    item.stash[BEGUN] = processor_time()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+    """Add to the last report of a test what ``slow.py`` asks for: how long it has computed, and a value of its own."""
+    if call.when == "teardown":
+        if item.stash.get(OWN, False):
+            item.user_properties.append(("own", "yes"))
+        item.user_properties.append(("processor", f"{processor_time() - item.stash[BEGUN]:.3f}"))
 
 
 @pytest.fixture
