@@ -32,6 +32,7 @@ from tests.pairs.motions import FAMILIES, MADE, MOST, ROWS, families, scene
 from tests.pairs.reasons import REASONS, reason_of
 
 BLOCKS = 8
+PARTS = 5  # of what runs each of some scenes several times
 WHOLE = 9  # one scene in so many is run as a whole
 
 
@@ -120,17 +121,19 @@ def test_features_go_together(row: str, block: int, tmp_path: Path) -> None:
         assert not left, f"{command} {' '.join('/'.join(part) for part in case.items())}: {left}"
 
 
+@pytest.mark.parametrize("part", range(PARTS))
 @pytest.mark.parametrize("command", ["simulate", "inverse"])
-def test_one_run_is_the_same_among_many(command: str, tmp_path: Path) -> None:
-    for case in cases(command)[::40]:
+def test_one_run_is_the_same_among_many(command: str, part: int, tmp_path: Path) -> None:
+    for case in cases(command)[::40][part::PARTS]:
         assert not disagreements(scene(case), command, tmp_path / "scene"), case
 
 
 EXPORTS = tuple(name for name in ON_SCENES if name.startswith("export "))
 
 
-def test_other_commands_take_the_scenes(tmp_path: Path) -> None:
-    for case in (*cases("simulate")[::160], {"form": "no_estimate"}, {"form": "studied"}):
+@pytest.mark.parametrize("part", range(2))
+def test_other_commands_take_the_scenes(part: int, tmp_path: Path) -> None:
+    for case in ({"form": "no_estimate"}, {"form": "studied"}, *cases("simulate")[::160])[part::2]:
         names = (
             "info",
             "plan",
