@@ -9,8 +9,8 @@ Coefficients of operations follow from convolutions (Jorba and Zou 2005; for g, 
     n g_0 y_n = sum_k s_k sum_{i=1}^{n} (i u_k,i) w_k,n-i - sum_{j=1}^{n-1} (j y_j) g_{n-j}
 
 All but a few terms of two orders are known before these begin. A loop sums them for both at once, which halves what is
-loaded, and for several convolutions, so that no sum waits for another. What has kinks takes the branch on which it is
-at the start.
+loaded, and for several convolutions, so that no sum waits for another. A square has half the terms. What has kinks
+takes the branch on which it is at the start.
 """
 
 from __future__ import annotations
@@ -108,35 +108,39 @@ class Jets:
         kept = [SeriesColumn(k) for k in self._states]
         kept += [self._column(r) for r in rates if isinstance(r, int)]
         kept += [column for pair in self._sums for column in pair]
-        self._places = {column: place for place, column in enumerate(dict.fromkeys(kept))}
+        # n q_n = v_{n-1} is there already: in the row before
+        before = {SeriesColumn(q, True): SeriesColumn(q + nv) for q in self._states[:nv]}
+        own = [column for column in dict.fromkeys(kept) if column not in before]
+        self._stored = {column: place for place, column in enumerate(own)}
+        self._places = {**self._stored, **{x: self._stored[v] - len(own) for x, v in before.items()}}
         # of the order at hand: coefficients, None where they are zero, sums of inner terms, the order and 1 over it
         self._now: dict[SeriesColumn, Value | None] = {SeriesColumn(k): x for k, x in self._start.items()}
         self._inner: dict[Pair, Value | None] = {}
-        self._order, self._share = f.constant(1.0), f.constant(1.0)
+        self._order, self._share, self._shares = f.constant(1.0), f.constant(1.0), ""
         self._inverse: dict[int, Value] = {}
         self._sides: dict[int, Condition] = {}
 
     def up_to(self, order: int) -> Coefficients:
         """Emit coefficients up to this order, of q one more; return those of the states."""
-        f, columns = self.f, len(self._places)
+        f, columns = self.f, len(self._stored)
         rows = Array(f, f.slot(self.width, columns * (order + 2)), self.width)
-        for column, place in self._places.items():
+        self._shares = Array(f, f.table(f.fresh("shares"), [1.0 / max(n, 1) for n in range(order + 1)]), 1)
+        for column, place in self._stored.items():
             if not column.of_rate:
                 rows[place] = self._start[column.series]
         self._prepare()
         self._add_order(rows.part(columns), 1)
-        with f.count(order, start=2, step=2) as m:
-            before = rows.part((m - 1) * columns)
-            following = self._sum_inner_terms(rows, m)
-            self._now = {column: before[place] for column, place in self._places.items()}
+        with f.count(-(-order // 2), start=1) as half:
+            m = half * 2
+            following = self._sum_inner_terms(rows, half)
+            self._now = self._row(rows, m - 1)
             self._add_order(rows.part(m * columns), m)
             self._inner = {
                 pair: _total([total, *self._newest(rows.part(columns), pair)])
                 for pair, total in following.items()
             }
             self._add_order(rows.part((m + 1) * columns), m + 1)
-        before = rows.part((order - 1) * columns)
-        self._now = {column: before[place] for column, place in self._places.items()}
+        self._now = self._row(rows, order - 1)
         self._step_states(rows.part(order * columns), f.integer(order))
         last = rows.part((order + 1) * columns)
         for q in self._states[: self.nv]:
@@ -181,23 +185,42 @@ class Jets:
         a, b = i.args if i.op == "mul" else (i.args[1], k)
         return [] if still[a] or still[b] else [(self._column(a), self._column(b))]
 
-    def _sum_inner_terms(self, rows: Array, m: Int) -> dict[Pair, Value]:
-        """Sum x_i y_{m-i} for 0 < i < m, which is all but the ends of order m; return the same of order m + 1 without
-        the terms that order m gives."""
-        f, columns, following = self.f, len(self._places), {}
-        for pairs in _parts(self._sums, TOGETHER // 2):
-            these, next_ones = ([Total(f, self.width) for _ in pairs] for _ in range(2))
-            with f.count(m, start=2) as i:
-                x, y, z = (_Row(self._places, rows.part(k * columns)) for k in (i, m - i, m - i + 1))
-                for (a, b), this, next_one in zip(pairs, these, next_ones):
-                    this.add_product(x[a], y[b])
-                    next_one.add_product(x[a], z[b])
-            x, y = (_Row(self._places, rows.part(k * columns)) for k in (1, m - 1))
-            for (a, b), this, next_one in zip(pairs, these, next_ones):
-                this.add_product(x[a], y[b])
-                self._inner[_key((a, b))] = this.value
-                following[_key((a, b))] = next_one.value
+    def _sum_inner_terms(self, rows: Array, half: Int) -> dict[Pair, Value]:
+        """Sum x_i y_{m-i} for 0 < i < m = 2 half, which is all but the ends of order m; return the same of order m + 1
+        without the terms that order m gives, sum x_{i+1} y_{m-i} for 0 < i < m - 1."""
+        m, following = half * 2, {}
+        squares = [pair for pair in self._sums if pair[0] == pair[1]]
+        products = [pair for pair in self._sums if pair[0] != pair[1]]
+        for pairs, count in ((products, m - 1), (squares, half)):
+            for part in _parts(pairs, TOGETHER // 2):
+                sums = self._sum_up_to(rows, part, m, count)
+                x, y = self._row(rows, count), self._row(rows, m - count)
+                for (a, b), (this, next_one) in zip(part, sums):
+                    twice = 2.0 if a == b else 1.0
+                    last = x[a] * y[b]
+                    self._inner[_key((a, b))] = _total([_product(this, twice), last])
+                    following[_key((a, b))] = _product(next_one, twice)
         return following
+
+    def _sum_up_to(self, rows: Array, pairs: Sequence[Pair], m: Int, count: Int) -> list[tuple[Value, Value]]:
+        """Sum x_i y_{m-i} and x_{i+1} y_{m-i} for 0 < i < count, of the pairs at once."""
+        f, w = self.f, self.width
+        sums = [(Total(f, w), Total(f, w)) for _ in pairs]
+        x = self._row(rows, 1)
+        held = {a: Array(f, f.slot(w), w) for a, _ in pairs}
+        for a, slot in held.items():
+            slot[0] = x[a]
+        with f.count(count, start=1) as i:
+            x, y = self._row(rows, i + 1), self._row(rows, m - i)
+            for (a, b), (this, next_one) in zip(pairs, sums):
+                this.add_product(held[a][0], y[b])
+                next_one.add_product(x[a], y[b])
+            for a, slot in held.items():
+                slot[0] = x[a]
+        return [(this.value, next_one.value) for this, next_one in sums]
+
+    def _row(self, rows: Array, n: Int | int) -> _Row:
+        return _Row(self._places, rows.part(n * len(self._stored)))
 
     def _newest(self, first: Array, pair: Pair) -> list[Value]:
         """Return the products of coefficients of order 1 with those of the order at hand."""
@@ -217,8 +240,8 @@ class Jets:
     def _step_states(self, row: Array, m: Int | int) -> None:
         """Emit coefficients m of the states from those of their rates before, with which ``_now`` begins."""
         f, before = self.f, self._now
-        order = f.to_double(m) if isinstance(m, Int) else f.constant(float(m))
-        self._order, self._share, self._now = order, 1.0 / order, {}
+        self._order = f.to_double(m) if isinstance(m, Int) else f.constant(float(m))
+        self._share, self._now = f.splat(self._shares[m], self.width), {}
         for k, rate in self._rates.items():
             if isinstance(rate, float):
                 x = f.constant(rate, self.width) if m == 1 and rate else None
@@ -233,9 +256,9 @@ class Jets:
         """Keep a coefficient and that of its rate, in memory as well where they are read later."""
         self._now[SeriesColumn(k)] = x
         for column in (SeriesColumn(k), SeriesColumn(k, True)):
-            if column in self._places:
+            if column in self._stored:
                 value = self._at(column)
-                row[self._places[column]] = 0.0 if value is None else value
+                row[self._stored[column]] = 0.0 if value is None else value
 
     def _at(self, column: SeriesColumn) -> Value | None:
         """Return what is known of the order at hand."""
@@ -344,7 +367,7 @@ def _total(terms: Sequence[Value | None]) -> Value | None:
 
 def _parts(pairs: Sequence[Pair], most: int) -> Iterator[Sequence[Pair]]:
     """Return pairs in parts of about the same size."""
-    count = -(-len(pairs) // most)
+    count = max(1, len(pairs) // most)
     for k in range(count):
         yield pairs[k * len(pairs) // count : (k + 1) * len(pairs) // count]
 
