@@ -105,7 +105,7 @@ class Problem:
     def rigid(self) -> Model:
         """The bodies as M, C and G need them: with base parameters where the bodies' own numbers would lose digits."""
         exact = all(body.cancellation < CANCELLATION for body in self.model.bodies)
-        return self.model if exact else self.lumped
+        return self.model.with_masses_at_joints() if exact else self.lumped
 
     @cached_property
     def lumped(self) -> Model:

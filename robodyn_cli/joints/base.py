@@ -8,7 +8,8 @@ The checklist, which the conformance tests run over every registered joint:
 3. ``S_rate(q, qd)``: dS/dt in body coordinates, entry by entry (zero for constant S).
 4. ``velocity_map(q, v)``: q-dot from v; the identity unless the velocities are ``quasi``.
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
-6. ``parent_inertia(inertia)``: the part of a body's inertia that may be counted to the parent, or None.
+6. ``divided(inertia)``: what of a body's inertia stays and what may be counted to the parent, or None;
+   ``parent_inertia(inertia)``: all that may be, where that takes differences.
 7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
 8. ``angle(q)``: how far it turns about its z axis, or None where it may turn about others.
 9. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
@@ -98,12 +99,19 @@ class Joint:
         """Return dS/dt (6, nv) in body coordinates, entry by entry; zero where S is constant."""
         return zeros(6, self.nv)
 
-    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia | None:
-        """Return the part I' of a body's inertia that may be counted to the parent, None if there is none.
+    def divided(self, inertia: RigidInertia) -> tuple[RigidInertia, RigidInertia] | None:
+        """Return a body's inertia as the part that stays and a part I' that may be counted to the parent, None if there
+        is none.
 
-        I' S = 0, and X(q)^T I' X(q) is the same at every q: the joint neither moves it nor changes its place.
+        I' S = 0, and X(q)^T I' X(q) is the same at every q: the joint neither moves it nor changes its place. Each
+        number is in one of the two, so that nothing is subtracted.
         """
         return None
+
+    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia | None:
+        """Return all of a body's inertia that may be counted to the parent, None if there is nothing."""
+        parts = self.divided(inertia)
+        return None if parts is None else parts[1]
 
     def angle(self, q: Vector) -> Any:
         """Return the angle [rad] by which the joint has turned about its z axis, counted without end.

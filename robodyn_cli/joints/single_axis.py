@@ -38,12 +38,20 @@ class Revolute(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, zeros(3))
 
+    def divided(self, inertia: RigidInertia) -> tuple[RigidInertia, RigidInertia]:
+        """Return what turning moves, and the mass with its moment along the axis."""
+        x, y, z = inertia.h
+        return (
+            RigidInertia(0.0, vector([x, y, 0.0]), inertia.I),
+            RigidInertia(inertia.m, vector([0.0, 0.0, z]), zeros(3, 3)),
+        )
+
     def parent_inertia(self, inertia: RigidInertia) -> RigidInertia:
         """Return the mass, its moment along the axis, and I_yy about x and y, which turning does not change."""
-        h, I = zeros(3), zeros(3, 3)
-        h[2] = inertia.h[2]
+        _, moved = self.divided(inertia)
+        I = zeros(3, 3)
         I[0, 0] = I[1, 1] = inertia.I[1, 1]
-        return RigidInertia(inertia.m, h, I)
+        return RigidInertia(moved.m, moved.h, I)
 
     def angle(self, q: Vector) -> Any:
         return q[0]
@@ -63,9 +71,9 @@ class Prismatic(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(identity(), vector([0.0, 0.0, q[0]]))
 
-    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia:
-        """Return the rotational inertia: a body on a slide turns as its parent does."""
-        return RigidInertia(0.0, zeros(3), inertia.I)
+    def divided(self, inertia: RigidInertia) -> tuple[RigidInertia, RigidInertia]:
+        """Return the mass and its moments, and the rotational inertia: a body on a slide turns as its parent does."""
+        return RigidInertia(inertia.m, inertia.h, zeros(3, 3)), RigidInertia(0.0, zeros(3), inertia.I)
 
     def angle(self, q: Vector) -> Any:
         return 0.0

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from robodyn_cli.forces.element import ForceElement
 
 BASE = -1
+LONG = (
+    64  # bodies beyond which masses stay where they are: each would be computed from all that are further out
+)
 
 
 @record
@@ -228,6 +231,26 @@ class Model:
     def coordinate_units(self) -> dict[str, str]:
         """Units by name of the columns of q, and of what those of v are rates of: ``rad``, ``m`` or ``1``."""
         return {**dict(zip(self.v_names, self.v_units)), **dict(zip(self.q_names, self.q_units))}
+
+    def with_masses_at_joints(self) -> Model:
+        """Return the same bodies with what of their inertias moves as if it were fixed to the parents counted to these.
+
+        M, C and G stay. Unlike base parameters, which are fewer still, this only adds, so that nothing cancels, and it
+        serves symbols and derivatives. Loads in the joints, and momenta and energies of single bodies, do not stay.
+        Long trees are left as they are.
+        """
+        if len(self.bodies) > LONG:
+            return self
+        inertia = [body.inertia for body in self.bodies]
+        for k, body in reversed(list(enumerate(self.bodies))):
+            parts = body.joint.divided(inertia[k])
+            if parts is None:
+                continue
+            inertia[k], moved = parts
+            if body.parent != BASE:
+                inertia[body.parent] = inertia[body.parent] + moved.to_parent(body.X_tree)
+        bodies = [dataclasses.replace(body, inertia=I, parts=()) for body, I in zip(self.bodies, inertia)]
+        return dataclasses.replace(self, bodies=tuple(bodies))
 
     def common_ancestor(self, first: int, second: int) -> int:
         """Return the last body that the paths to two bodies share, or ``BASE``."""

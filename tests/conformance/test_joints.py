@@ -169,16 +169,26 @@ def test_inertia_counted_to_the_parent_is_neither_moved_nor_changed_by_the_joint
     joint = JOINTS[name]
     q, _, rng = state(joint, seed)
     m, c, I = random_inertia(rng)
-    moved = joint.parent_inertia(RigidInertia.from_com(m, vector(c.tolist()), matrix(I.tolist())))
-    if moved is None:
+    whole = RigidInertia.from_com(m, vector(c.tolist()), matrix(I.tolist()))
+    parts = joint.divided(whole)
+    if parts is None:
+        assert joint.parent_inertia(whole) is None
         return
-    inertia = ArticulatedInertia.from_rigid(moved)
-    for column in real(joint.S(q)).T:
-        assert_close((inertia @ twist(column)).components, np.zeros(6), 1e-14, scale=float(np.abs(I).max()))
-    here, neutral = (moved.to_parent(joint.transform(x)) for x in (q, vector(joint.neutral())))
-    assert_close(here.m, neutral.m, 1e-14)
-    assert_close(here.h, neutral.h, 1e-14, scale=1.0)
-    assert_close(here.I, neutral.I, 1e-14, scale=1.0)
+    stays, _ = parts
+    total = parts[0] + parts[1]
+    assert total.m == whole.m and (total.h == whole.h).all() and (total.I == whole.I).all()
+    assert stays.m == 0.0 or not any(stays.I.flat)
+    for moved in (parts[1], joint.parent_inertia(whole)):
+        assert moved is not None
+        inertia = ArticulatedInertia.from_rigid(moved)
+        for column in real(joint.S(q)).T:
+            assert_close(
+                (inertia @ twist(column)).components, np.zeros(6), 1e-14, scale=float(np.abs(I).max())
+            )
+        here, neutral = (moved.to_parent(joint.transform(x)) for x in (q, vector(joint.neutral())))
+        assert_close(here.m, neutral.m, 1e-14)
+        assert_close(here.h, neutral.h, 1e-14, scale=1.0)
+        assert_close(here.I, neutral.I, 1e-14, scale=1.0)
 
 
 @registered

@@ -71,9 +71,6 @@ KINDS: dict[str, Callable[[], System]] = {
     "accelerations from further states": lambda: systems.system(
         1, lambda t, q, v, z, p: ([-q[0] - z[0]], [q[0]]), nz=1
     ),
-    "more velocities than are written out": lambda: systems.system(
-        25, lambda t, q, v, z, p: ([-x for x in q], [])
-    ),
     "a closed loop": lambda: of_file("four_bar_deploy"),
     "a ball joint": lambda: of_file("spinning_top"),
     "independent coordinates": lambda: build_system(

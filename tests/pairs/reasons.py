@@ -67,7 +67,7 @@ REASONS: dict[str, str] = {
     r"a symplectic partitioned method needs": "`verlet` and `symplectic*`: accelerations of positions and time alone",
     r"it keeps a history of steps|a joint has friction with 'law: set_valued' or a rigid stop|velocities that are not rates":
         "`bdf` and `generalized_alpha` keep what sampled controllers, impacts and attitudes break",
-    r"the coefficients of a Taylor series outgrow": "`taylor12` and `taylor16` take equations of 256 operations at most",
+    r"a Taylor series is written out for": "`taylor12` and `taylor16` take equations of 256 operations at most",
     r"whose steps are all as long as": "a fixed step has no `max_step`",
     r"the equations of a step of .* have no solution nearby": "a fixed step is as short as the motion asks for",
     r"rows of the loops depend on each other": "`generalized_alpha` needs independent rows of loops",

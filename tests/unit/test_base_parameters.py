@@ -9,9 +9,12 @@ import pytest
 
 from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import count_operations
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.base_parameters import with_base_parameters
+from robodyn_cli.scene import load_scene_text
 from tests.numeric import assert_close, real
 from tests.random_models import random_tree
 
@@ -25,6 +28,54 @@ def test_mass_matrix_and_torques_stay(seed: int) -> None:
     q, qd, qdd = (rng.normal(size=7).tolist() for _ in range(3))
     assert_close(crba(other, q), crba(model, q), 1e-13)
     assert_close(rnea(other, q, qd, qdd, model.gravity), rnea(model, q, qd, qdd, model.gravity), 1e-13)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_masses_at_joints_leave_the_equations(seed: int) -> None:
+    kinds = ("revolute", "prismatic", "helical") if seed % 3 == 0 else ("revolute", "prismatic")
+    model = random_tree(7, seed, kinds=kinds)
+    other = model.with_masses_at_joints()
+    assert all(body.joint.type != "revolute" or body.inertia.m == 0.0 for body in other.bodies)
+    rng = np.random.default_rng(100 + seed)
+    q, qd, qdd = (rng.normal(size=7).tolist() for _ in range(3))
+    assert_close(crba(other, q), crba(model, q), 1e-13)
+    assert_close(rnea(other, q, qd, qdd, model.gravity), rnea(model, q, qd, qdd, model.gravity), 1e-13)
+
+
+def test_masses_at_joints_may_be_symbols() -> None:
+    model = random_tree(3, 5, branching=0.0, kinds=("revolute",))
+    mass = model.graph.symbol("mass", "p")
+    last = model.bodies[-1]
+    known = dataclasses.replace(last.inertia, m=mass)
+    model = dataclasses.replace(model, bodies=(*model.bodies[:-1], dataclasses.replace(last, inertia=known)))
+    q = [0.3, -0.4, 0.5]
+    M, other = (
+        [evaluate(list(crba(m, q).flat), {"p": [2.5]})] for m in (model, model.with_masses_at_joints())
+    )
+    assert model.with_masses_at_joints().bodies[-1].inertia.m == 0.0
+    assert_close(other, M, 1e-14)
+
+
+def test_planar_arms_take_a_quarter_fewer_operations() -> None:
+    """The mass of the second link at the elbow leaves nothing of the rotation there and back."""
+    link = "mass: 2, com: [-0.4, 0, 0], com_frame: link, inertia: {zz: 0.1}"
+    scene = load_scene_text(f"""
+schema: 1
+command: simulate
+gravity: [0, -9.81, 0]
+robot:
+  convention: standard
+  joints:
+    - {{name: a, type: revolute, a: 1.0, alpha: 0, d: 0}}
+    - {{name: b, type: revolute, a: 1.0, alpha: 0, d: 0}}
+  links: [{{name: A, {link}}}, {{name: B, {link}}}]
+initial: {{q: {{b: 0.1}}}}
+simulate: {{duration: 1}}
+""")
+    problem = Problem(scene)
+    plain = rnea(problem.model, problem.q, problem.v, problem.a, problem.gravity, problem.X)
+    assert count_operations(list(problem.inverse_dynamics)) < 0.85 * count_operations(list(plain))
+    assert count_operations(list(problem.free_accelerations(-problem.bias))) < 40
 
 
 @pytest.mark.parametrize(("kind", "left"), [("revolute", 7), ("prismatic", 4)])
@@ -59,4 +110,4 @@ def test_symbols_stay_where_they_are() -> None:
 
 def test_joints_without_such_a_part_say_so() -> None:
     model = random_tree(2, 0)
-    assert joint_types["spherical"].parent_inertia(model.bodies[0].inertia) is None
+    assert joint_types["floating"].parent_inertia(model.bodies[0].inertia) is None

@@ -50,16 +50,8 @@ class Taylor(Method):
         if system.dynamics.any_size:
             return f"a chain of {system.nv} joints is integrated by loops over its bodies, which have no Taylor series"
         operations = system.dynamics.program.operations
-        if operations > MOST:
-            return (
-                f"its equations take {operations} operations; of more than {MOST} the coefficients of a Taylor series "
-                "outgrow the processor's nearest cache, and `gauss` is faster"
-            )
-        if max(system.nv, system.nz) > LONG:
-            return (
-                f"it has {system.nv} velocities and {system.nz} further states; steps along a Taylor series are made "
-                f"for {LONG} of each at most"
-            )
+        if operations > MOST or max(system.nv, system.nz) > LONG:
+            return f"its equations take {operations} operations, and a Taylor series is written out for {MOST} at most"
         return ""
 
     def dense_size(self, system: System) -> int:
