@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Function, Int, Value
@@ -114,9 +114,9 @@ class Jets:
         self._stored = {column: place for place, column in enumerate(own)}
         self._places = {**self._stored, **{x: self._stored[v] - len(own) for x, v in before.items()}}
         # of the order at hand: coefficients, None where they are zero, sums of inner terms, the order and 1 over it
-        self._now: dict[SeriesColumn, Value | None] = {SeriesColumn(k): x for k, x in self._start.items()}
+        self._now: dict[SeriesColumn, Any] = {SeriesColumn(k): x for k, x in self._start.items()}
         self._inner: dict[Pair, Value | None] = {}
-        self._order, self._share, self._shares = f.constant(1.0), f.constant(1.0), ""
+        self._order = self._share = f.constant(1.0)
         self._inverse: dict[int, Value] = {}
         self._sides: dict[int, Condition] = {}
 
@@ -124,7 +124,7 @@ class Jets:
         """Emit coefficients up to this order, of q one more; return those of the states."""
         f, columns = self.f, len(self._stored)
         rows = Array(f, f.slot(self.width, columns * (order + 2)), self.width)
-        self._shares = Array(f, f.table(f.fresh("shares"), [1.0 / max(n, 1) for n in range(order + 1)]), 1)
+        self._shares = Array(f, f.table(f.fresh("shares"), [0.0, *(1.0 / n for n in range(1, order + 1))]))
         for column, place in self._stored.items():
             if not column.of_rate:
                 rows[place] = self._start[column.series]
@@ -185,10 +185,10 @@ class Jets:
         a, b = i.args if i.op == "mul" else (i.args[1], k)
         return [] if still[a] or still[b] else [(self._column(a), self._column(b))]
 
-    def _sum_inner_terms(self, rows: Array, half: Int) -> dict[Pair, Value]:
+    def _sum_inner_terms(self, rows: Array, half: Int) -> dict[Pair, Value | None]:
         """Sum x_i y_{m-i} for 0 < i < m = 2 half, which is all but the ends of order m; return the same of order m + 1
         without the terms that order m gives, sum x_{i+1} y_{m-i} for 0 < i < m - 1."""
-        m, following = half * 2, {}
+        m, following = half * 2, dict[Pair, Value | None]()
         squares = [pair for pair in self._sums if pair[0] == pair[1]]
         products = [pair for pair in self._sums if pair[0] != pair[1]]
         for pairs, count in ((products, m - 1), (squares, half)):
@@ -367,7 +367,7 @@ def _total(terms: Sequence[Value | None]) -> Value | None:
 
 def _parts(pairs: Sequence[Pair], most: int) -> Iterator[Sequence[Pair]]:
     """Return pairs in parts of about the same size."""
-    count = max(1, len(pairs) // most)
+    count = max(1, round(len(pairs) / most)) if pairs else 0
     for k in range(count):
         yield pairs[k * len(pairs) // count : (k + 1) * len(pairs) // count]
 
