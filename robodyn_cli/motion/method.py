@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,11 @@ SERIES = 80
 # trusts its steps less
 STEEP_SERIES = 8500
 LOOSE = 3e-7  # relative tolerance down to which order 12 takes no longer than order 16
+EXPLICIT = (
+    1100  # operations of the equations up to which ``dop853`` in lanes is quicker than the default method
+)
+TIGHT = 1e-9  # relative tolerance down to which it is so
+SHARE = 1.0 / 30.0  # of the tolerances, at which it errs about as much as that method
 
 Rows = NDArray[np.int64]
 Cost = Callable[[str, Rows, Array], Array]  # of a method in runs (n,) over times (n,) [s]
@@ -90,9 +95,16 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     return MethodChoice(DEFAULT, reason, may_change=True)
 
 
-def series_beside(scene: Scene, system: System) -> str:
-    """Return the Taylor series that for ``auto`` makes many runs of a scene side by side, quicker than the default
-    method and as accurate at the same tolerance; nothing where none does.
+class SideBySide(NamedTuple):
+    """A method that makes many runs in the lanes of vectors, at a share of the scene's tolerances."""
+
+    method: str
+    share: float = 1.0
+
+
+def side_by_side(scene: Scene, system: System) -> SideBySide | None:
+    """Return what for ``auto`` makes many runs of a scene side by side, quicker than the default method and as accurate
+    at the same tolerance; None where nothing does.
 
     One run alone takes half as long by the default method, which evaluates the stages of a step side by side.
     """
@@ -100,20 +112,21 @@ def series_beside(scene: Scene, system: System) -> str:
     from robodyn_cli.integrators.stepping.lanes import suits
     from robodyn_cli.kernels.compiler import machine
 
+    rtol = scene.simulate.rtol
     if scene.simulate.integrator != "auto" or machine().lanes == 1:
-        return ""
-    name = "taylor12" if scene.simulate.rtol > LOOSE else "taylor16"
-    method = methods[name]
-    return (
-        name
-        if not method.obstacle(system) and suits(system, method) and _is_small(system, method.order)
-        else ""
-    )
+        return None
+    series = methods["taylor12" if rtol > LOOSE else "taylor16"]
+    if not series.obstacle(system) and suits(system, series) and _is_small(system, series.order):
+        return SideBySide(series.name)
+    if rtol < TIGHT or system.dynamics.any_size or system.dynamics.program.operations > EXPLICIT:
+        return None
+    explicit = methods["dop853"]
+    suited = not explicit.obstacle(system) and suits(system, explicit)
+    return SideBySide(explicit.name, SHARE) if suited else None
 
 
 def _is_small(system: System, order: int) -> bool:
-    """Tell whether the equations are so small that a Taylor series of an order in lanes is quicker than the default
-    method."""
+    """Tell whether the equations are so small that a Taylor series of an order in lanes is the quickest."""
     from robodyn_cli.integrators.methods.gauss import Gauss
     from robodyn_cli.kernels.series.rules import Series
 

@@ -92,10 +92,10 @@ class ManyRuns:
     where it ended [s], with its estimated error where an event ended it. q, qd : positions (N, nq) and rates (N, nv)
     there [rad or m, 1/s of these], columns as in ``q_names`` and ``qd_names``. q_error, qd_error : their estimated
     errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
-    series : order of the Taylor series that made a run side by side with others, 0 where it was the method that the
-    command itself takes. one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s],
-    positions (N, M, nq) and rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv)
-    too.
+    series : order of the Taylor series, or 8 of ``dop853``, that made a run side by side with others, 0 where it was
+    the method that the command itself takes. one_by_one : which runs were made by the driver in Python. samples :
+    times (N, M) [s], positions (N, M, nq) and rates (N, M, nv), where they were asked for; of inverse dynamics qdd and
+    tau (N, M, nv) too.
     left : why runs were left to the command, and how many.
 
     What a run does not have is nan.

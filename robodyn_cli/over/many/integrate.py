@@ -85,6 +85,11 @@ class RunBatch:
             self.threads, tables, self.through, None if self.slots is None else self.slots[rows],
         )  # fmt: skip
 
+    def at_share(self, share: float) -> RunBatch:
+        """Return the runs with a share of their tolerances."""
+        rtol, atol = share * self.options.rtol, share * self.options.atol
+        return dataclasses.replace(self, options=dataclasses.replace(self.options, rtol=rtol, atol=atol))
+
     @property
     def start_rounding(self) -> tuple[Array, Array]:
         """Psi (N, m, nv) at the starts, and how far rounding may have put the rows off there (N,); both empty

@@ -18,7 +18,7 @@ from robodyn_cli.integrators.runtime.fleet import FEW, Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Location, Status
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
-from robodyn_cli.motion.method import series_beside
+from robodyn_cli.motion.method import SideBySide, side_by_side
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
 from robodyn_cli.over.many.command import STATUS, AskedRuns, BatchCommand, ManyRuns, Rows, number_of
@@ -89,10 +89,10 @@ class MotionCommand(BatchCommand[Structure]):
         """Return why the command itself has to look into some runs of a motion; nothing if it has not."""
         return ""
 
-    def series(self, motion: Motion, asked: AskedRuns) -> str:
-        """Return the Taylor series that makes runs side by side in place of the method of the command; nothing where
-        none does. What it leaves is made by that."""
-        return ""
+    def side_by_side(self, motion: Motion, asked: AskedRuns) -> SideBySide | None:
+        """Return what makes runs in lanes in place of the method of the command; None where nothing does. What it
+        leaves is made by that."""
+        return None
 
     @abstractmethod
     def gives(self, key: str) -> bool:
@@ -127,11 +127,11 @@ class MotionCommand(BatchCommand[Structure]):
         batch = RunBatch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
         methods, calm = method_of(batch)
         waiting, left = np.ones(len(rows), dtype=bool), list[int]()
-        if series := self.series(structure.motion, asked):
+        if lanes := self.side_by_side(structure.motion, asked):
             here = np.flatnonzero(calm & (methods == DEFAULT))
-            own = rows[here]
-            waiting[here] = np.isin(own, self._make(batch.part(here), series, own, asked))
-            asked.result.series[own[~waiting[here]]] = METHODS[series].order
+            own, part = rows[here], batch.part(here).at_share(lanes.share)
+            waiting[here] = np.isin(own, self._make(part, lanes.method, own, asked))
+            asked.result.series[own[~waiting[here]]] = METHODS[lanes.method].order
         for method in dict.fromkeys(methods[waiting].tolist()):
             chosen = np.flatnonzero(waiting & (methods == method))
             left += self._make(batch.part(chosen), method, rows[chosen], asked)
@@ -140,7 +140,7 @@ class MotionCommand(BatchCommand[Structure]):
     def _make(self, batch: RunBatch, method: str, rows: Rows, asked: AskedRuns) -> list[int]:
         """Make the runs of a batch by one method, which are these rows; return those that are left."""
         driven = self.drive(batch, method, asked)
-        told = as_keys(tolerances(batch.options))
+        told = as_keys(tolerances(batch.structure.motion.options))
         driven.figures.update({key: same(told.get(key.partition(".")[2]), batch) for key in TOLERANCES})
         if along := [key for key in asked.result.outputs if key in ALONG]:
             driven = driven.with_figures(batch, partial(_along, batch, method, driven.runs.time, along))
@@ -234,11 +234,11 @@ class Simulate(MotionCommand):
     def build(self, scene: Scene) -> Motion:
         return build_motion(integrable(scene))
 
-    def series(self, motion: Motion, asked: AskedRuns) -> str:
+    def side_by_side(self, motion: Motion, asked: AskedRuns) -> SideBySide | None:
         # steps in lanes end at few samples, and are others than those that counters tell of
         plain = (*TOLERANCES, *ERRORS, *ENDS)
         at_end = all(key in plain or key.startswith(FINAL) for key in asked.result.outputs)
-        return series_beside(motion.scene, motion.system) if at_end and asked.samples <= FEW else ""
+        return side_by_side(motion.scene, motion.system) if at_end and asked.samples <= FEW else None
 
     def gives(self, key: str) -> bool:
         return key == "termination.time"
