@@ -10,7 +10,6 @@ from robodyn_cli.expr.functions import cos, sin
 from robodyn_cli.joints.base import Freedom, Joint
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Transform, Vector, matrix, rotation_about, vector, zeros
-from robodyn_cli.spatial.inertia import RigidInertia
 
 
 class Cylindrical(Joint):
@@ -51,9 +50,6 @@ class Universal(Joint):
     def S_rate(self, q: Vector, qd: Vector) -> Any:
         first = [0.0, cos(q[1]) * qd[1], -(sin(q[1]) * qd[1]), 0.0, 0.0, 0.0]
         return matrix([first, [0.0] * 6]).T
-
-    def divided(self, inertia: RigidInertia) -> tuple[RigidInertia, RigidInertia]:
-        return mass_at_origin(inertia)
 
 
 class Planar(Joint):
@@ -105,9 +101,6 @@ class Spherical(Joint):
 
     def transform(self, q: Vector) -> Transform:
         return Transform(quaternion.rotation(q).T, zeros(3))
-
-    def divided(self, inertia: RigidInertia) -> tuple[RigidInertia, RigidInertia]:
-        return mass_at_origin(inertia)
 
     def velocity_map(self, q: Vector, v: Vector) -> Vector:
         return quaternion.rate(q, v)
@@ -171,8 +164,3 @@ class Floating(Joint):
 
     def normalise(self, q: Vector) -> Vector:
         return np.concatenate([q[:3], quaternion.unit(q[3:])])
-
-
-def mass_at_origin(inertia: RigidInertia) -> tuple[RigidInertia, RigidInertia]:
-    """Return what turning about the origin moves, and the mass as a point there."""
-    return RigidInertia(0.0, inertia.h, inertia.I), RigidInertia(inertia.m, zeros(3), zeros(3, 3))

@@ -110,4 +110,4 @@ def test_symbols_stay_where_they_are() -> None:
 
 def test_joints_without_such_a_part_say_so() -> None:
     model = random_tree(2, 0)
-    assert joint_types["floating"].parent_inertia(model.bodies[0].inertia) is None
+    assert joint_types["spherical"].parent_inertia(model.bodies[0].inertia) is None

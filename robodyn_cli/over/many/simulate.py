@@ -18,7 +18,7 @@ from robodyn_cli.integrators.runtime.fleet import FEW, Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Location, Status
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
-from robodyn_cli.motion.method import SideBySide, side_by_side
+from robodyn_cli.motion.method import side_by_side
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
 from robodyn_cli.over.many.command import STATUS, AskedRuns, BatchCommand, ManyRuns, Rows, number_of
@@ -89,9 +89,9 @@ class MotionCommand(BatchCommand[Structure]):
         """Return why the command itself has to look into some runs of a motion; nothing if it has not."""
         return ""
 
-    def side_by_side(self, motion: Motion, asked: AskedRuns) -> SideBySide | None:
-        """Return what makes runs in lanes in place of the method of the command; None where nothing does. What it
-        leaves is made by that."""
+    def side_by_side(self, motion: Motion, asked: AskedRuns) -> tuple[str, float] | None:
+        """Return what makes runs in lanes in place of the method of the command, and at which share of the tolerances;
+        None where nothing does. What it leaves is made by that."""
         return None
 
     @abstractmethod
@@ -129,9 +129,9 @@ class MotionCommand(BatchCommand[Structure]):
         waiting, left = np.ones(len(rows), dtype=bool), list[int]()
         if lanes := self.side_by_side(structure.motion, asked):
             here = np.flatnonzero(calm & (methods == DEFAULT))
-            own, part = rows[here], batch.part(here).at_share(lanes.share)
-            waiting[here] = np.isin(own, self._make(part, lanes.method, own, asked))
-            asked.result.series[own[~waiting[here]]] = METHODS[lanes.method].order
+            own, (name, share) = rows[here], lanes
+            waiting[here] = np.isin(own, self._make(batch.part(here).at_share(share), name, own, asked))
+            asked.result.series[own[~waiting[here]]] = METHODS[name].order
         for method in dict.fromkeys(methods[waiting].tolist()):
             chosen = np.flatnonzero(waiting & (methods == method))
             left += self._make(batch.part(chosen), method, rows[chosen], asked)
@@ -234,7 +234,7 @@ class Simulate(MotionCommand):
     def build(self, scene: Scene) -> Motion:
         return build_motion(integrable(scene))
 
-    def side_by_side(self, motion: Motion, asked: AskedRuns) -> SideBySide | None:
+    def side_by_side(self, motion: Motion, asked: AskedRuns) -> tuple[str, float] | None:
         # steps in lanes end at few samples, and are others than those that counters tell of
         plain = (*TOLERANCES, *ERRORS, *ENDS)
         at_end = all(key in plain or key.startswith(FINAL) for key in asked.result.outputs)
