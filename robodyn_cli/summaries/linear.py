@@ -18,6 +18,15 @@ class LinearSignal:
 
 
 @record
+class ModeErrors:
+    """Errors of what follows from a pole, by that of the pole."""
+
+    frequency: float = fact("of the frequency", "Hz")
+    damping: float | None = fact("of the damping ratio")
+    time: float | None = fact("of the time; `null` where the pole may as well be at 0", "s")
+
+
+@record
 class Mode:
     """A pole s of x-dot = A x, with its mode; a pair of complex poles is one mode, with the one above the real axis."""
 
@@ -33,13 +42,16 @@ class Mode:
     multiplicity: int = fact(
         "how many poles it stands for: 2 at 0 of a free motion, of position and rate, which goes on at its rate"
     )
-    frequency: float = fact("|s| / 2 pi, of the undamped oscillation", "Hz")
+    frequency: float = fact("|s| / 2 pi, of the undamped oscillation", "Hz", errors=(".errors.frequency",))
     damping: float | None = fact(
-        "-Re s / |s|, the damping ratio: 1 of a decay without oscillation; `null` at 0"
+        "-Re s / |s|, the damping ratio: 1 of a decay without oscillation; `null` at 0",
+        errors=(".errors.damping",),
     )
     time: float | None = fact(
-        "1 / |Re s|, in which it decays or grows e times; `null` where it does neither", "s"
-    )
+        "1 / |Re s|, in which it decays or grows e times; `null` where it does neither", "s",
+        errors=(".errors.time",),
+    )  # fmt: skip
+    errors: ModeErrors = fact("errors of frequency, damping and time")
     shape: dict[str, list[float]] = fact(
         "amplitude of each coordinate, the largest 1, in its own unit, and its phase", "1 and rad"
     )
@@ -60,8 +72,19 @@ class LinearInstant:
 class LargestGrowth:
     """The pole farthest to the right along a motion."""
 
-    largest: float = fact("its real part", "1/s")
+    largest: float = fact("its real part", "1/s", errors=POLE)
+    error: float = fact("of this part", "1/s")
     time: float = fact("when it is there", "s")
+
+
+@record
+class LinearErrors:
+    """How far the state may be off: what residuals and rounding make of it; `null` where rounding decides whether it is
+    held."""
+
+    configuration: dict[str, float | None] = fact("of the joint positions", OWN)
+    rates: dict[str, float | None] = fact("of the rates", RATE)
+    accelerations: dict[str, float | None] = fact("of the accelerations", ACCELERATION)
 
 
 @record
@@ -83,8 +106,14 @@ class LinearSummary:
     samples: int = fact("number of samples: 1 but along a motion")
     about: str = fact("`state`, `balance`, `hold`, `motion`, or `controller`: the pose that it is to keep")
     freedoms: int = fact("number of independent coordinates")
-    configuration: dict[str, float] | Absent = fact("joint positions of the state; not along a motion", OWN)
-    rates: dict[str, float] | Absent = fact("their rates; not along a motion", RATE)
+    configuration: dict[str, float] | Absent = fact(
+        "joint positions of the state; not along a motion",
+        OWN,
+        errors=("error_estimate.configuration.JOINT",),
+    )
+    rates: dict[str, float] | Absent = fact(
+        "their rates; not along a motion", RATE, errors=("error_estimate.rates.JOINT",)
+    )
     units: dict[str, str] | Absent = fact("unit of each coordinate: `rad`, `m` or `1`; not along a motion")
     holding_torques: dict[str, float] | Absent = fact(
         "with `--hold`: the constant torques of the inputs; at a balance: of joints in `initial.hold` and prescribed "
@@ -96,8 +125,13 @@ class LinearSummary:
         "their errors; `null` where rounding decides whether the inputs hold the pose", LOAD
     )
     largest_acceleration: float | Absent = fact(
-        "of an independent coordinate at the state; 0, but for rounding, at an equilibrium", ACCELERATION
+        "of an independent coordinate at the state; 0, but for rounding, at an equilibrium", ACCELERATION,
+        errors=("largest_acceleration_error",),
+    )  # fmt: skip
+    largest_acceleration_error: float | Absent | None = fact(
+        "its error; `null` where rounding decides whether the state is held", ACCELERATION
     )
+    error_estimate: LinearErrors | Absent = fact("estimated errors; not along a motion")
     states: list[LinearSignal] = fact("of the columns and rows of A, in their order")
     inputs: list[LinearSignal] = fact("of the columns of B and D, in their order")
     measured: list[LinearSignal] = fact("the outputs: of the rows of C and D, in their order")

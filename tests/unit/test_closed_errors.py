@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from robodyn_cli.errors import GeometryError, SingularConfigurationError
+from robodyn_cli.errors import GeometryError, NumericalError, SingularConfigurationError
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.works.assemble import assemble
+from robodyn_cli.works.linearise.linearise import _off_mode, linearise
 
 JOINTS = ("first", "second", "third")
 MASS = {"mass": 1, "com": [0, 0, 0], "com_frame": "joint", "inertia": {"zz": 1}}
@@ -136,3 +137,48 @@ def test_the_condition_number_of_the_inertia(seed: int) -> None:
         true = max(bars, turning) / min(bars, turning)
         off = abs(float(mp.mpf(summary["mass_condition"]) - true))
     assert off <= summary["mass_condition_error"] < 1e-6 * summary["mass_condition"], off
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_state_of_a_linear_model_and_its_accelerations(seed: int) -> None:
+    """The inertia is the same in all configurations, so accelerations follow from the rates by the loop alone."""
+    rng = np.random.default_rng(seed)
+    lengths, pivot, rate = rng.uniform(0.4, 1.6, 3).tolist(), float(rng.uniform(0.3, 1.5)), 1.3
+    angles = rng.uniform(-3.0, 3.0, 3)
+    a, b, c = lengths
+    if seed % 3 == 0:
+        reach = (b + c) * (1.0 - 10.0 ** -rng.uniform(2.0, 6.0))
+        angles[0] = np.arccos(np.clip((a**2 + pivot**2 - reach**2) / (2.0 * a * pivot), -1.0, 1.0))
+    try:
+        found = linearise(load_scene_text(four_bar(lengths, pivot, angles.tolist(), rate)))
+    except (GeometryError, SingularConfigurationError, NumericalError):
+        pytest.skip("bars that do not reach, or in line")
+    summary, off = found.summary, found.summary["error_estimate"]
+    with mp.workdps(50):
+        q, v, free, J = exact(lengths, pivot, list(summary["configuration"].values()), rate)
+        M = mp.matrix([[2 + mp.mpf(a) ** 2, 1, 0], [1, 1, 0], [0, 0, 1]])
+        # M a = J^T lambda with J a = J free
+        way = mp.inverse(M) * J.T
+        accelerations = way * mp.lu_solve(J * way, J * mp.matrix(free))
+        for key, true, given in (
+            ("configuration", q, list(summary["configuration"].values())),
+            ("rates", v, list(summary["rates"].values())),
+            ("accelerations", accelerations, found["qdd"][0]),
+        ):
+            for name, value, own in zip(JOINTS, true, given):
+                assert abs(float(mp.mpf(float(own)) - value)) <= off[key][name], (key, name)
+        largest = max(off["accelerations"].values())
+        assert summary["largest_acceleration_error"] <= largest < 1e-4 * float(max(map(abs, accelerations)))
+
+
+@pytest.mark.parametrize("real", [-2.0, -1e-3, 0.7])
+@pytest.mark.parametrize("imaginary", [0.0, 3.0])
+def test_figures_of_modes_are_off_by_what_their_pole_is(real: float, imaginary: float) -> None:
+    s, off = complex(real, imaginary), 4e-4
+    errors = _off_mode(s, off)
+    for turn in np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 25)):
+        other = s + off * turn
+        assert abs(abs(other) - abs(s)) / (2.0 * np.pi) <= errors.frequency * (1.0 + 1e-9)
+        assert abs(other.real / abs(other) - s.real / abs(s)) <= errors.damping
+        assert abs(1.0 / abs(other.real) - 1.0 / abs(s.real)) <= errors.time * (1.0 + 1e-9)
+    assert _off_mode(complex(1e-5, 1.0), off).time is None

@@ -221,7 +221,10 @@ def test_what_holds_a_linear_model(seed: int, about: str) -> None:
     except (GeometryError, SingularConfigurationError, NumericalError, CapabilityError):
         pytest.skip("bars that do not reach, or in line")
     with mp.workdps(50):
-        _, _, torque = exact(parts, list(summary["configuration"].values()), "hold")
+        q, _, torque = exact(parts, list(summary["configuration"].values()), "hold")
+        for name, true in zip(JOINTS, q):
+            covered(summary["configuration"][name], true, summary["error_estimate"]["configuration"][name])
+        covered(summary["largest_acceleration"], mp.mpf(0), summary["largest_acceleration_error"])
         error = summary["holding_torques_error"]["first"]
         covered(summary["holding_torques"]["first"], torque, error)
     assert error < 1e-6 * max(1.0, abs(torque))

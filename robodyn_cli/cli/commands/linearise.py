@@ -12,7 +12,7 @@ import typer
 from robodyn_cli.cli.offers import any_of, begun_by, listed_of, names_in
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, quantity, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import error_text, holding_lines, number, table
+from robodyn_cli.cli.words import error_text, holding_lines, number, stated, table
 from robodyn_cli.errors import SceneError, of_option
 
 BALANCE, START = "balance", "start"
@@ -212,8 +212,8 @@ def describe(summary: Mapping[str, Any], verbose: bool = True) -> str:
     if "growth" in summary:
         growth = summary["growth"]
         lines.append(
-            f"  samples            {summary['samples']}; pole farthest to the right {number(growth['largest'])} 1/s "
-            f"at t = {number(growth['time'])} s"
+            f"  samples            {summary['samples']}; pole farthest to the right "
+            f"{stated(growth['largest'], growth['error'])} 1/s at t = {number(growth['time'])} s"
         )
         for instant in summary.get("instants", ()):
             lines += _modes(instant, verbose, f" at {number(instant['time'])} s")
@@ -257,7 +257,8 @@ def _stability(of: Mapping[str, Any]) -> str:
     word: str = of["stability"]
     fastest = max(of["modes"], key=lambda mode: mode["real"])
     if word == "unstable":
-        return f"unstable: the mode of the pole {_pole(fastest)} 1/s grows e times in {number(fastest['time'], 4)} s"
+        time = stated(fastest["time"], fastest["errors"]["time"])
+        return f"unstable: the mode of the pole {_pole(fastest)} 1/s grows e times in {time} s"
     if any(mode["multiplicity"] > 1 for mode in of["modes"]):
         return f"{word}; the mode of a double pole at 0 goes on at the rate that it has"
     return word
@@ -268,10 +269,10 @@ def _row(mode: Mapping[str, Any]) -> list[str]:
     # only a pair of complex poles oscillates
     oscillation = ["-", "-"]
     if mode["imaginary"]:
-        oscillation = [number(mode["frequency"], 5), number(mode["damping"], 4)]
+        oscillation = [stated(mode[key], mode["errors"][key]) for key in ("frequency", "damping")]
     way = "" if mode["time"] is None else "grows e times" if mode["real"] > 0.0 else "decays to 1/e"
     pole = [_pole(mode) + note, error_text(mode["error"]), way]
-    return [*pole, number(mode["time"], 4), *oscillation, _moves(mode)]
+    return [*pole, stated(mode["time"], mode["errors"]["time"]), *oscillation, _moves(mode)]
 
 
 def _pole(mode: Mapping[str, Any]) -> str:

@@ -125,7 +125,7 @@ def multipliers(values: Mapping[str, Array], a: Array, tau: Array, tolerance: fl
     return lam[:, :, 0]
 
 
-def _tolerance(equations: Residuals, states: States, exact: float) -> float:
+def tolerance_at(equations: Residuals, states: States, exact: float = SINGULAR) -> float:
     """Return the ratio of singular values below which rows depend on each other at the first state."""
     problem = equations.problem
     eta = problem.numbers(
@@ -144,10 +144,10 @@ def linearise_states(
     nv, n = equations.problem.model.nv, len(places)
     values = equations.values(states)
     if states.a is None:
-        a, lam = accelerations(values, states.tau, _tolerance(equations, states, SINGULAR))
+        a, lam = accelerations(values, states.tau, tolerance_at(equations, states))
     else:
         a = states.a
-        lam = multipliers(values, a, states.tau, _tolerance(equations, states, RANK))
+        lam = multipliers(values, a, states.tau, tolerance_at(equations, states, RANK))
     slopes = equations.derivatives(states, a, lam)
     A, B = np.zeros((len(states), 2 * n, 2 * n)), np.zeros((len(states), 2 * n, len(inputs)))
     rounding = np.zeros_like(A)

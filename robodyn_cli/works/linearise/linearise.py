@@ -24,9 +24,17 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
-from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSummary, Mode
+from robodyn_cli.summaries.linear import (
+    LargestGrowth,
+    LinearErrors,
+    LinearInstant,
+    LinearSummary,
+    Mode,
+    ModeErrors,
+)
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import JointMotion
+from robodyn_cli.works.linearise.errors import errors_of_accelerations
 from robodyn_cli.works.linearise.nominal import Nominal, Question, nominal
 from robodyn_cli.works.linearise.sampled import ModelOptions, add_closed_loop, add_sampled, sampling_of
 from robodyn_cli.works.linearise.signals import LinearOutputs, input_signals, state_signals
@@ -65,11 +73,22 @@ def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> lis
         modes.append(
             Mode(
                 s.real, s.imag, float(errors[k]), 1, size / math.tau, 0.0 - s.real / size if size else None,
-                1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
+                1.0 / abs(s.real) if abs(s.real) > BLIND * size else None, _off_mode(s, float(errors[k])),
                 _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
         )  # fmt: skip
     return modes
+
+
+def _off_mode(s: complex, off: float) -> ModeErrors:
+    """Return the errors of what follows from a pole s that is off by ``off``: the largest within that distance."""
+    size, real = abs(s), abs(s.real)
+    turned = 2.0 * off / size if size > off else 2.0  # no direction changes by more than the chord
+    return ModeErrors(
+        off / math.tau,
+        min(turned, 2.0) if size else None,
+        off / (real * (real - off)) if real > off else None,
+    )
 
 
 def _parallel(a: Array, b: Array) -> bool:
@@ -265,6 +284,9 @@ def _summary(
     k = int(np.argmax(growth))
     acceleration = float(np.abs(linear.a[0][list(linear.places)]).max(initial=0.0))
     held, held_errors = _holding(given)
+    off = (
+        errors_of_accelerations(given.equations, states, given.off) if one and given.off is not None else None
+    )
     chosen = [
         LinearInstant(float(states.times[k]), stability_of(each), each)
         for k, each in zip(samples, modes)
@@ -281,15 +303,38 @@ def _summary(
         holding_torques=held or ABSENT,
         holding_torques_error=held_errors or ABSENT,
         largest_acceleration=acceleration if one else ABSENT,
+        largest_acceleration_error=(None if off is None else float(off[list(linear.places)].max()))
+        if one
+        else ABSENT,
+        error_estimate=_errors(given, off) if one else ABSENT,
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
         measured=outputs,
         stability=stability_of(modes[0]) if one else ABSENT,
         modes=modes[0] if one else ABSENT,
-        growth=ABSENT if one else LargestGrowth(float(growth[k]), float(states.times[k])),
+        growth=ABSENT if one else _growth(result, k),
         instants=chosen or ABSENT,
         discrete=ABSENT,
         warnings=(_warnings(given, linear, modes[0], acceleration) if one else []) or ABSENT,
+    )
+
+
+def _errors(given: Nominal, a: Array | None) -> LinearErrors:
+    """Return the errors of the state, and of accelerations a (nv,), by coordinate; None where they are not known."""
+    model, off = given.problem.model, given.off
+    q, v = (None, None) if off is None else (off.q, off.v)
+    named = (model.q_names, q), (model.v_names, v), (model.v_names, a)
+    return LinearErrors(
+        *(dict.fromkeys(names) if x is None else dict(zip(names, x.tolist())) for names, x in named)
+    )
+
+
+def _growth(result: Result, sample: int) -> LargestGrowth:
+    """Return the pole farthest to the right at a sample of a motion."""
+    real = result["linear/poles_real"][sample]
+    k = int(np.argmax(real))
+    return LargestGrowth(
+        float(real[k]), float(result["linear/poles_error"][sample][k]), float(result.time[sample])
     )
 
 
@@ -301,9 +346,9 @@ def _holding(given: Nominal) -> tuple[dict[str, float], dict[str, float | None]]
     if given.about not in ("hold", "balance"):
         return {}, {}
     places = given.inputs if given.about == "hold" else staying_places(given.problem)
-    names, off = given.problem.model.v_names, given.holding_errors
+    names, off = given.problem.model.v_names, given.off
     torques = {names[k]: float(given.states.tau[0, k]) for k in places}
-    return torques, {names[k]: None if off is None else float(off[k]) for k in places}
+    return torques, {names[k]: None if off is None else float(off.tau[k]) for k in places}
 
 
 def _warnings(given: Nominal, linear: Linear, modes: list[Mode], acceleration: float) -> list[str]:

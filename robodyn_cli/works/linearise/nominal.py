@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,10 +24,8 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, Unbalanced, share
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
 from robodyn_cli.tools.progress import Stopwatch
+from robodyn_cli.works.linearise.errors import OffState, errors_of_assembled
 from robodyn_cli.works.linearise.signals import inputs_of
-
-if TYPE_CHECKING:
-    from robodyn_cli.works.equilibria import AtRest
 
 # equations, states, and the forces that belong to the model
 Along = tuple[Problem, States, Callable[[Problem], Vector]]
@@ -45,7 +42,8 @@ class Nominal:
     """Equations and states about which they are linearised; inputs and independent coordinates by place.
 
     torques : of the actuators (nv,) that the equations have as expressions, beside what ``states.tau`` has.
-    holding_errors : of torques (nv,) that hold the state; None where none do, or rounding decides whether they do.
+    off : errors of the state, with those of torques that hold it; None along a motion, and where rounding decides
+    whether it is held.
     """
 
     about: str
@@ -56,7 +54,7 @@ class Nominal:
     inputs: tuple[int, ...]
     places: tuple[int, ...]
     words: str = "the state"
-    holding_errors: Array | None = None
+    off: OffState | None = None
 
 
 @record
@@ -82,40 +80,38 @@ def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
     if scene.control is not None and not wished:
         wished = scene.control.joints or ()
     words = WORDS.get(question.about, "")
+    off: OffState | None = None
     if question.about == "motion":
         problem, states, force = _along(scene, watch)
     elif question.about == "controller":
-        problem, states, words = _kept(scene, watch)
+        problem, states, words, off = _kept(scene, watch)
         force = _applied
     else:
         setup = prepare(at_rest(scene), watch, neutral=True)
         problem, states, force = setup.problem, States.one(setup.assembled.q, setup.assembled.v), _applied
+        off = errors_of_assembled(problem, setup.assembled)
     if geared(problem.model):
         raise CapabilityError(
             "losses of gears depend on the direction of power, which changes about a state; linearise takes gears "
             "without 'gear'"
         )
-    inputs, errors = inputs_of(problem, wished), None
+    inputs = inputs_of(problem, wished)
     if question.about == "balance":
-        from robodyn_cli.works.statics import errors_of
-
-        states, rest = _balance(problem, states)
-        off = errors_of(rest)
-        errors = None if off is None else off.holding
+        states, off = _balance(problem, states)
     elif question.about == "hold":
         states, force = States.one(states.q[0], 0.0 * states.v[0]), _passive
     equations = Residuals(problem, force(problem), _parameters(problem, states))
     psi = equations.values(states)["Psi"]
     places = independent(psi[0], inputs, rounded_rank(problem, states.q[0]))
     if question.about == "hold":
-        states, errors = _held(problem, equations, states, inputs, places)
+        states, off = _held(problem, equations, states, inputs, places)
     torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
-    return Nominal(question.about, problem, equations, torques, states, inputs, places, words, errors)
+    return Nominal(question.about, problem, equations, torques, states, inputs, places, words, off)
 
 
-def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
-    """Return the equations, and the pose that the controller is to keep with what holds it there; where its joints
-    cannot, the others go to their balance from there, if they find one."""
+def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str, OffState | None]:
+    """Return the equations, and the pose that the controller is to keep with what holds it there, and its errors; where
+    its joints cannot, the others go to their balance from there, if they find one."""
     from robodyn_cli.works.loops.pose import aim_of
 
     aim = aim_of(integrable(scene, watch))
@@ -127,18 +123,19 @@ def _kept(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, str]:
     driven = [problem.model.v_names.index(name) for name in scene.control.joints]
     held, left = held_by(equations, states, driven, independent(values["Psi"][0], driven))
     needed = np.abs(values["load"][0]).max(initial=0.0)
+    off = errors_of_assembled(problem, setup.assembled)
     if np.abs(left).max(initial=0.0) <= HELD * max(needed, 1e-12):
-        return problem, held, aim.words
+        return problem, held, aim.words, off
     initial = aim.scene.initial
     hold = tuple(dict.fromkeys([*initial.hold, *scene.control.joints]))
     staying = dataclasses.replace(aim.scene, initial=dataclasses.replace(initial, hold=hold))
     try:
         problem = prepare(at_rest(staying), watch, neutral=True).problem
-        rest, _ = _balance(problem, states)
+        rest, at_rest_off = _balance(problem, states)
     except RobodynError:
-        return setup.problem, held, aim.words
+        return setup.problem, held, aim.words, off
     words = f"{aim.words}, the joints that are not driven at their balance"
-    return problem, dataclasses.replace(rest, times=states.times), words
+    return problem, dataclasses.replace(rest, times=states.times), words, at_rest_off
 
 
 def _assembled(scene: Scene, driven: Sequence[str], watch: Stopwatch) -> Setup:
@@ -186,14 +183,18 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
     return parameters
 
 
-def _balance(problem: Problem, states: States) -> tuple[States, AtRest]:
-    """Return the balance reached from a configuration; what holds joints of ``initial.hold`` is a constant torque."""
+def _balance(problem: Problem, states: States) -> tuple[States, OffState | None]:
+    """Return the balance reached from a configuration, and its errors; what holds joints of ``initial.hold`` is a
+    constant torque."""
     from robodyn_cli.works.equilibria import balanced
+    from robodyn_cli.works.statics import errors_of
 
     rest = balanced(problem, states.q[0])
     own = problem.numbers(problem.actuator_torques, rest.q)
     still = np.zeros(problem.model.nv)
-    return States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None]), rest
+    found = States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None])
+    off = errors_of(rest)
+    return found, None if off is None else OffState(off.q, still, off.holding)
 
 
 def _held(
@@ -202,8 +203,8 @@ def _held(
     states: States,
     inputs: Sequence[int],
     places: tuple[int, ...],
-) -> tuple[States, Array | None]:
-    """Return the state with the constant torques of the inputs that hold it, and the errors of these.
+) -> tuple[States, OffState | None]:
+    """Return the state with the constant torques of the inputs that hold it, and its errors.
 
     Raises
     ------
@@ -229,7 +230,9 @@ def _held(
         problem, range(values["Psi"].shape[1]), inputs, (q, shared.multipliers[0], shared.tau[0])
     )
     # two ways to the same torques differ by their rounding
-    return state, None if off is None else off.tau + SAFETY * np.abs(shared.tau - state.tau)[0]
+    if off is None:
+        return state, None
+    return state, OffState(off.q, 0.0 * off.tau, off.tau + SAFETY * np.abs(shared.tau - state.tau)[0])
 
 
 def _along(scene: Scene, watch: Stopwatch) -> Along:
