@@ -28,6 +28,8 @@ from robodyn_cli.summaries.mechanism import ReachedBranch, ReachErrors, ReachSum
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.rest.errors import BELIEVED, CLEAR, Nearby, beyond_rounding, parts_of
 
+AT_LEAST = 2.0  # times the largest draw of a row: what rounding makes of it
+
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
@@ -205,7 +207,20 @@ class ErrorsOfPoses:
         nearby = Nearby(np.array(places), none, none[:, None], weights)
         ratios = np.array([self._ratio(x) for x in jacobians] + [self.ratio(x) for x in places[len(parts) :]])
         error = nearby.off((ratios - self._ratio(J))[:, None])[0] + LEFT
-        return OffPose(nearby.off(nearby.q - q), float(error))
+        # the draws of a figure may all chance to be small: what each row lacks at least, with the worst sign
+        lacking = np.abs(e) + AT_LEAST / ENLARGED * np.abs(off).max(axis=0, initial=0.0)
+        for k in np.flatnonzero(kept)[-1:]:
+            way = Vt[k] * (np.abs(U[:, k]) @ lacking / s[k])
+            error = max(error, *(abs(self.ratio(self._moved(q, x)) - self._ratio(J)) for x in (way, -way)))
+        least = self._by_coordinate(np.abs(strong) @ lacking)
+        return OffPose(np.maximum(nearby.off(nearby.q - q), least), float(error))
+
+    def _by_coordinate(self, steps: Array) -> Array:
+        """Return what positions (nq,) are off by where what moves is, in comparable units."""
+        found = np.zeros(len(self.manifold.neutral()))
+        for k, step in zip(self.moving, steps):
+            found[list(self.manifold.columns(k))] += step * self.lengths[k]
+        return found
 
     def _at(self, q: Array) -> tuple[Array, Array]:
         e, J = self.equations.at(q, self.target)

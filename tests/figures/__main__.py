@@ -1,6 +1,7 @@
 """More than CI has time for: ``python -m tests.figures --seed 1 --seconds 600 --out DIR``.
 
-Scenes are those of ``configs`` and random ones of ``tests.pairs``; each is run with other samples and tolerances. Printed
+Scenes are those of ``configs`` and random ones of ``tests.pairs``; each is run with other samples and tolerances. Poses of
+random arms (``reach``) are compared with those of fifty digits. Printed
 is a table of all figures by kind: how many were compared, how many moved by more than their errors, and by more than ten
 times these, or without an error; with the worst of each.
 """
@@ -14,6 +15,8 @@ import random
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ from robodyn_cli.over.commands import command_of
 from robodyn_cli.scene.checks.columns import column_names
 from robodyn_cli.scene.load import load_scene
 from tests.figures.judge import OFTEN, TIMES, Move, moves, runs_of
+from tests.figures.reached import reached_moves
 from tests.fuzz.cases import _clock
 from tests.pairs.apart import read
 from tests.pairs.judge import write
@@ -32,6 +36,7 @@ SAMPLES = (11, 31, 101)
 DURATIONS = (0.05, 0.4, 1.0)
 FEATURES = 5  # of a random scene, at most
 SIZED = 4  # one of so many scenes of inverse dynamics is of ``size``
+ARMS = 8  # one of so many seeds is an arm that reaches a pose
 EXTREMES = (
     "q.b", "qd.b", "qdd.b", "tau.b", "points/tip.x", "point_velocities/tip.length", "reactions/b.force",
     "base_wrench.fx", "energy/total",
@@ -103,14 +108,14 @@ def main() -> int:
     arguments = parser.parse_args()
     end, found = time.monotonic() + arguments.seconds, []
     with tempfile.TemporaryDirectory() as folder:
-        for name, path, command, samples in _scenes(arguments, Path(folder) / "scene"):
+        for name, command, compared in _scenes(arguments, Path(folder) / "scene"):
             if time.monotonic() > end:
                 break
             if arguments.command and command not in arguments.command:
                 continue
             try:
                 with _clock(TOO_LONG):
-                    own = moves(runs_of(path, command, samples, with_extremes(path, command)))
+                    own = compared()
             except KeyboardInterrupt:
                 continue
             found += own
@@ -122,19 +127,28 @@ def main() -> int:
     return 1 if bad else 0
 
 
-def _scenes(arguments: argparse.Namespace, folder: Path) -> Any:
-    """Yield name, file, command and samples of each scene."""
+def _of_scene(path: Path, command: str, samples: int) -> list[Move]:
+    return moves(runs_of(path, command, samples, with_extremes(path, command)))
+
+
+def _scenes(
+    arguments: argparse.Namespace, folder: Path
+) -> Iterator[tuple[str, str, Callable[[], list[Move]]]]:
+    """Yield name and command of each scene, and what compares its figures."""
     if arguments.configs:
         for path in sorted(CONFIGS.rglob("*.yaml")):
             try:
                 command = command_of(load_scene(path))
             except RobodynError:
                 continue
-            yield str(path.relative_to(CONFIGS)), path, command, 101
+            yield str(path.relative_to(CONFIGS)), command, partial(_of_scene, path, command, 101)
         return
     for seed in range(arguments.seed, min(sys.maxsize, arguments.seed + arguments.scenes)):
+        if seed % ARMS == 0:
+            yield str(seed), "reach", partial(reached_moves, seed // ARMS)
+            continue
         command, tree, samples = random_scene(seed)
-        yield str(seed), write(tree, folder, command), command, samples
+        yield str(seed), command, partial(_of_scene, write(tree, folder, command), command, samples)
 
 
 if __name__ == "__main__":

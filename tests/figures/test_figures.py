@@ -16,6 +16,7 @@ from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.facts import ABSENT, Absent, fact
 from tests.figures.__main__ import CONFIGS, with_extremes
 from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
+from tests.figures.reached import reached_moves
 
 ASKED = (
     "outputs={reactions: true, extremes: [q.theta1, qd.theta1, qdd.theta1, reactions/theta1.force, base_wrench.fx, "
@@ -58,6 +59,12 @@ def test_figures_stay_within_their_errors(name: str) -> None:
 def test_what_was_wrong_once(path: Path) -> None:
     command = str(yaml.safe_load(path.read_text(encoding="utf-8"))["command"])
     check(path, command, SAMPLES.get(command, 31), with_extremes(path, command))
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_poses_that_are_reached(seed: int) -> None:
+    """Errors are not told by other runs, which would come to the same rounding, but by fifty digits."""
+    assert not [str(x) for x in reached_moves(seed) if x.ratio > 1.0]
 
 
 def check(path: Path, command: str, samples: int, given: tuple[str, ...]) -> None:
