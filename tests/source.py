@@ -6,6 +6,7 @@ import ast
 import functools
 from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "robodyn_cli"
@@ -24,8 +25,17 @@ def tree_of(path: Path) -> ast.Module:
 
 
 @functools.cache
-def _imports_of(path: Path) -> list[ast.Import | ast.ImportFrom]:
-    return [node for node in ast.walk(tree_of(path)) if isinstance(node, (ast.Import, ast.ImportFrom))]
+def _kinds_of(path: Path) -> dict[type[ast.AST], list[Any]]:
+    """Return all nodes of a file by their kind: one walk serves all tests of a process."""
+    found: dict[type[ast.AST], list[Any]] = {}
+    for node in ast.walk(tree_of(path)):
+        found.setdefault(type(node), []).append(node)
+    return found
+
+
+def nodes(path: Path, *kinds: type[ast.AST]) -> list[Any]:
+    """Return the nodes of a file that are of some kinds."""
+    return [node for kind in kinds for node in _kinds_of(path).get(kind, [])]
 
 
 def name_of(path: Path) -> str:
@@ -36,6 +46,8 @@ def name_of(path: Path) -> str:
 def functions(node: ast.AST, prefix: str = "") -> Iterator[tuple[str, Function]]:
     """Yield the functions below a node by their qualified names, methods and inner functions too."""
     for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.expr):
+            continue  # holds no statement
         inner = prefix
         if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
             inner = f"{prefix}{child.name}."
@@ -69,7 +81,7 @@ def imported(path: Path, module: str, known: Container[str] = ()) -> set[str]:
     """
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     found: set[str] = set()
-    for node in _imports_of(path):
+    for node in nodes(path, ast.Import, ast.ImportFrom):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         else:

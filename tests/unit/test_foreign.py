@@ -20,7 +20,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.mesh.files import MOST_NODES, MeshError, can_read_dae, read_dae, small_mesh
-from tests.source import PACKAGE, files, tree_of
+from tests.source import PACKAGE, files, nodes
 
 # Modules that open files by themselves: their own, or such as they have looked at. The list may only shrink.
 OPENERS = {
@@ -31,8 +31,9 @@ OPENERS = {
 }  # fmt: skip
 
 
-def _opens(node: ast.AST) -> bool:
-    if not isinstance(node, ast.Call):
+def _opens(node: ast.Call) -> bool:
+    last = getattr(node.func, "attr", getattr(node.func, "id", ""))
+    if last not in ("open", "File", "read_text", "read_bytes"):
         return False
     name = ast.unparse(node.func)
     return name in ("open", "os.open", "h5py.File") or name.endswith((".read_text", ".read_bytes"))
@@ -42,7 +43,7 @@ def test_files_of_others_are_opened_in_one_place() -> None:
     found = {
         path.relative_to(PACKAGE).as_posix()
         for path in files()
-        if any(_opens(node) for node in ast.walk(tree_of(path)))
+        if any(_opens(node) for node in nodes(path, ast.Call))
     }
     assert found == OPENERS
 

@@ -21,6 +21,7 @@ from tests.source import (
     imports,
     modules_of,
     name_of,
+    nodes,
     parameters,
     tree_of,
 )
@@ -173,9 +174,9 @@ ASKED_FOR = {
 def test_nothing_asks_whether_an_object_has_what_its_base_declares() -> None:
     found: dict[str, set[str]] = {}
     for path in files():
-        for node in ast.walk(tree_of(path)):
-            named = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-            if named and node.func.id in ("getattr", "hasattr") and isinstance(node.args[1], ast.Constant):
+        for node in nodes(path, ast.Call):
+            asked = isinstance(node.func, ast.Name) and node.func.id in ("getattr", "hasattr")
+            if asked and isinstance(node.args[1], ast.Constant):
                 found.setdefault(node.args[1].value, set()).add(f"{name_of(path)}:{node.lineno}")
     none(
         {f"{where}: {name}" for name in found.keys() - ASKED_FOR for where in found[name]},
@@ -189,8 +190,8 @@ def registered() -> set[str]:
     """Return the modules that registries name: by ``module:member``, or by the name of the file alone."""
     found = {f"cli.commands.{name.replace('-', '_')}" for name in COMMANDS}
     for path in files():
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        for node in nodes(path, ast.Constant):
+            if isinstance(node.value, str):
                 place = re.fullmatch(r"([\w.]+):\w+", node.value)
                 found |= {place[1]} if place else set()
     return found
@@ -219,9 +220,7 @@ SHARED_NAMES = {"Joint"}
 
 
 def test_one_name_of_a_class_means_one_thing() -> None:
-    classes = [
-        node.name for path in files() for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)
-    ]
+    classes = [node.name for path in files() for node in nodes(path, ast.ClassDef)]
     assert {name for name in classes if classes.count(name) > 1} == SHARED_NAMES
 
 
@@ -243,7 +242,7 @@ def test_runs_build_their_integrator_in_one_place() -> None:
         name_of(path)
         for folder in ("ready", "motion", "works", "over")
         for path in files(PACKAGE / folder)
-        for node in ast.walk(tree_of(path))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Integrator"
+        for node in nodes(path, ast.Call)
+        if isinstance(node.func, ast.Name) and node.func.id == "Integrator"
     ]
     assert len(found) == 1, found

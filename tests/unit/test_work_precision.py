@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -64,17 +65,22 @@ def test_a_mechanism_that_never_locks_is_compared_by_its_motion() -> None:
     assert "lock_time" not in found and found["compared_until"] == 8.0
 
 
-def test_contact_states_and_passages_are_followed() -> None:
-    """Methods agree through sticking, slipping, impacts and singular poses, at the error that they are asked for."""
-    for name, changes, methods in (
+@pytest.mark.parametrize(
+    ("name", "changes", "methods"),
+    [
         ("stick_slip", (), ["gauss", "rodas5p"]),
         ("bouncing_pendulum", ("simulate.duration=1.5",), ["dop853", "rodas5p"]),
         ("benchmarks/four_bar_n2", ("simulate.duration=2",), ["gauss", "dop853"]),
-    ):
-        scene = load_scene(CONFIGS / f"{name}.yaml", changes)
-        found = work_precision(scene, methods, [1e-5, 1e-9], repeats=1).summary
-        own = [r for r in found["runs"] if r["formulation"] in ("tree", "projection")]
-        assert found["reference_digits"] > 9 and found["compared_until"] > 0.0
-        assert [r["status"] for r in own] == ["ok"] * 4
-        for loose, tight in zip(own[::2], own[1::2]):
-            assert tight["error"] < 1e-4 and tight["error"] < loose["error"]
+    ],
+)
+def test_contact_states_and_passages_are_followed(
+    name: str, changes: Sequence[str], methods: list[str]
+) -> None:
+    """Methods agree through sticking, slipping, impacts and singular poses, at the error that they are asked for."""
+    scene = load_scene(CONFIGS / f"{name}.yaml", changes)
+    found = work_precision(scene, methods, [1e-5, 1e-9], repeats=1).summary
+    own = [r for r in found["runs"] if r["formulation"] in ("tree", "projection")]
+    assert found["reference_digits"] > 9 and found["compared_until"] > 0.0
+    assert [r["status"] for r in own] == ["ok"] * 4
+    for loose, tight in zip(own[::2], own[1::2]):
+        assert tight["error"] < 1e-4 and tight["error"] < loose["error"]
