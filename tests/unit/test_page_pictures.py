@@ -77,7 +77,7 @@ def test_lines_end_where_those_of_the_figure_end() -> None:
 
 def test_too_many_marks_become_pixels() -> None:
     made = Figure()
-    x = np.random.default_rng(1).normal(size=(20_000, 2))
+    x = np.random.default_rng(1).normal(size=(10_000, 2))
     made.subplots().plot(*x.T, ".")
     drawn = str(picture(made, "cloud", 1))
     assert drawn.startswith("<img") and "data:image/png" in drawn and len(drawn) < LARGEST_SVG

@@ -7,14 +7,13 @@ import dataclasses
 import math
 import re
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-import robodyn_cli
 from robodyn_cli.cli.words import coordinate_table
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
@@ -35,6 +34,7 @@ from robodyn_cli.summaries.keys import (
     refusal,
 )
 from robodyn_cli.summaries.loops import LoopErrors, LoopMargins
+from tests.source import files, name_of, nodes
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
 NAMES = {
@@ -307,11 +307,11 @@ def test_errors_are_printed_rounded_up(error: float, digits: int, printed: float
     assert abs(float(f"{printed:.{digits}g}")) >= abs(error) * (1.0 - 1e-15)
 
 
-def printed_as_they_are(source: str) -> list[int]:
-    """Return the lines of f-strings that round an error as any number."""
+def printed_as_they_are(values: Iterable[ast.AST]) -> list[int]:
+    """Return the lines of values in f-strings that round an error as any number."""
     return [
         node.lineno
-        for node in ast.walk(ast.parse(source))
+        for node in values
         if isinstance(node, ast.FormattedValue)
         and node.format_spec is not None
         and re.search(r"[ge]$", ast.literal_eval(ast.unparse(node.format_spec).removeprefix("f")))
@@ -321,16 +321,14 @@ def printed_as_they_are(source: str) -> list[int]:
 
 
 def test_every_printed_error_is_rounded_up() -> None:
-    assert printed_as_they_are("f\"{c['error']:.1e}\"") == [1]
-    assert printed_as_they_are("f'{one.our_error:.{n}g}'") == [1]
-    assert printed_as_they_are("f'{rounded_up(error):.1g} {error} {value:.6g}'") == []
-    package = Path(robodyn_cli.__file__).parent
-    wrong = {
-        str(path.relative_to(package)): lines
-        for path in package.rglob("*.py")
-        if (lines := printed_as_they_are(path.read_text()))
-    }
-    assert not wrong
+    for text, lines in (
+        ("f\"{c['error']:.1e}\"", [1]),
+        ("f'{one.our_error:.{n}g}'", [1]),
+        ("f'{rounded_up(error):.1g} {error} {value:.6g}'", []),
+    ):
+        assert printed_as_they_are(ast.walk(ast.parse(text))) == lines
+    found = {name_of(path): printed_as_they_are(nodes(path, ast.FormattedValue)) for path in files()}
+    assert not {name: lines for name, lines in found.items() if lines}
 
 
 def test_what_is_nothing_beside_its_peers_is_zero_on_the_terminal() -> None:
