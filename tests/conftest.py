@@ -6,7 +6,7 @@ import copy
 import gc
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,15 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
         if item.stash.get(OWN, False):
             item.user_properties.append(("own", "yes"))
         item.user_properties.append(("processor", f"{processor_time() - item.stash[BEGUN]:.3f}"))
+
+
+@pytest.fixture(scope="module")
+def source_trees() -> Iterator[None]:
+    """Free what ``tests/source.py`` keeps when a file of tests has ended."""
+    from tests import source
+
+    yield
+    source.forget()
 
 
 @pytest.fixture

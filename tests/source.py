@@ -33,6 +33,12 @@ def _kinds_of(path: Path) -> dict[type[ast.AST], list[Any]]:
     return found
 
 
+def forget() -> None:
+    """Free the trees: each search for garbage would go through their million nodes."""
+    _kinds_of.cache_clear()
+    tree_of.cache_clear()
+
+
 def nodes(path: Path, *kinds: type[ast.AST]) -> list[Any]:
     """Return the nodes of a file that are of some kinds."""
     return [node for kind in kinds for node in _kinds_of(path).get(kind, [])]

@@ -25,6 +25,7 @@ from robodyn_cli.report.registry import PLOTS, Plot
 from robodyn_cli.scene.types import Scene
 from tests.source import files, name_of, tree_of
 
+pytestmark = pytest.mark.usefixtures("source_trees")
 ROOT = Path(__file__).parents[2]
 SECTIONS = {field.name for field in dataclasses.fields(Scene)}
 

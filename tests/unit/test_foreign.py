@@ -22,6 +22,7 @@ from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.mesh.files import MOST_NODES, MeshError, can_read_dae, read_dae, small_mesh
 from tests.source import PACKAGE, files, nodes
 
+pytestmark = pytest.mark.usefixtures("source_trees")
 # Modules that open files by themselves: their own, or such as they have looked at. The list may only shrink.
 OPENERS = {
     "foreign.py", "kernels/cache.py", "cli/console.py", "cli/interrupts.py", "results/atomic.py", "results/export.py",
@@ -31,9 +32,11 @@ OPENERS = {
 }  # fmt: skip
 
 
+WORDS = ("open", "File", "read_text", "read_bytes")
+
+
 def _opens(node: ast.Call) -> bool:
-    last = getattr(node.func, "attr", getattr(node.func, "id", ""))
-    if last not in ("open", "File", "read_text", "read_bytes"):
+    if getattr(node.func, "attr", getattr(node.func, "id", "")) not in WORDS:
         return False
     name = ast.unparse(node.func)
     return name in ("open", "os.open", "h5py.File") or name.endswith((".read_text", ".read_bytes"))
@@ -43,7 +46,8 @@ def test_files_of_others_are_opened_in_one_place() -> None:
     found = {
         path.relative_to(PACKAGE).as_posix()
         for path in files()
-        if any(_opens(node) for node in nodes(path, ast.Call))
+        if any(word in path.read_text(encoding="utf-8") for word in WORDS)
+        and any(_opens(node) for node in nodes(path, ast.Call))
     }
     assert found == OPENERS
 

@@ -9,6 +9,7 @@ import pytest
 
 from tests.source import PACKAGE, Function, files, functions, tree_of
 
+pytestmark = pytest.mark.usefixtures("source_trees")
 # Beside each stands why threads do not disturb each other. The list may only shrink: state belongs to objects.
 WRITERS = {
     "cli/interrupts.py: _raise": "a signal handler: runs in the main thread",

@@ -26,6 +26,7 @@ from tests.source import (
     tree_of,
 )
 
+pytestmark = pytest.mark.usefixtures("source_trees")
 LONGEST_FILE = 400  # lines
 LONGEST_FUNCTION = 60  # lines
 MOST_PARAMETERS = 6
