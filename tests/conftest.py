@@ -23,7 +23,7 @@ SLOW, FURTHER = (
     for name in ("slow.txt", "further.txt")
 )
 
-BEGUN, OWN = pytest.StashKey[float](), pytest.StashKey[bool]()
+BEGUN, SHARED, OWN = pytest.StashKey[float](), pytest.StashKey[float](), pytest.StashKey[bool]()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -32,7 +32,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if not isinstance(item, pytest.Function) or item.get_closest_marker("benchmarks"):
             continue
-        name = f"{item.module.__name__}.{item.originalname}"
+        name = ".".join(
+            [item.module.__name__, *([item.cls.__qualname__] if item.cls else []), item.originalname]
+        )
         item.stash[OWN] = _brings_a_value(item, name, values)
         if name + item.name.removeprefix(item.originalname) in FURTHER:
             item.add_marker(pytest.mark.further)
@@ -65,9 +67,21 @@ def processor_time() -> float:
     return time.process_time() + so_far.children_user + so_far.children_system
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[Any], request: pytest.FixtureRequest) -> Any:
+    """Note what several tests share: it is no time of the one that happens to be the first."""
+    begun = processor_time()
+    try:
+        return (yield)
+    finally:
+        if fixturedef.scope != "function":
+            request.config.stash[SHARED] = request.config.stash.get(SHARED, 0.0) + processor_time() - begun
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     item.stash[BEGUN] = processor_time()
+    item.config.stash[SHARED] = 0.0
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -76,7 +90,8 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     if call.when == "teardown":
         if item.stash.get(OWN, False):
             item.user_properties.append(("own", "yes"))
-        item.user_properties.append(("processor", f"{processor_time() - item.stash[BEGUN]:.3f}"))
+        own = processor_time() - item.stash[BEGUN] - item.config.stash[SHARED]
+        item.user_properties.append(("processor", f"{own:.3f}"))
 
 
 @pytest.fixture(scope="module")
