@@ -110,9 +110,7 @@ class Body:
         """
         moments = self.inertia.I[0, 0], self.inertia.I[1, 1]
         numbers = (x for part in self.parts for x in part.numbers)
-        if self.joint.divided(self.inertia) is None or any(
-            isinstance(x, Expr) for x in (*moments, *numbers)
-        ):
+        if self.joint.divided(self.inertia) is None or any(isinstance(x, Expr) for x in (*moments, *numbers)):
             return 1.0
         acting: list[float] = [0.0]
         for part in self.parts:

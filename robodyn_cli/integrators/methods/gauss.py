@@ -177,8 +177,8 @@ class GaussStepper(GaussOutput):
                 with f.when(first | f.compare("ogt", w.get(DoubleSlot.CONTRACTION), STALE)):
                     self.factorise(times)
             self.evaluate(times, self.guess)
-            update, ratio = self._update()
-            rounds.leave(f.compare("olt", update * ratio, CONVERGED))
+            update, ratio, converged = self._update()
+            rounds.leave(converged)
             rounds.again(self._hopeful(update, ratio))
             with f.when(f.compare_int("eq", f.load_int(self.primed), 0)):
                 f.store_int(1, self.primed)
@@ -203,8 +203,13 @@ class GaussStepper(GaussOutput):
             start = f.splat(w.state[w.nv * 2 + j], self.lanes)
             self.x[w.nv * 2 + j] = self._combine(self._spread(w.nv + j), T.A, wide_h, start)
 
-    def _update(self) -> tuple[Value, Value]:
-        """Take the new rates over; return the norm of the change, and its ratio to the change before."""
+    def _update(self) -> tuple[Value, Value, Condition]:
+        """Take the new rates over; return the norm of the change, its ratio to the change before, and whether their
+        product is below ``CONVERGED``.
+
+        That is told from squares: the processor guesses it wrongly about once a step, and goes on the sooner the sooner
+        it knows, without a root and a quotient.
+        """
         f, w = self.f, self.w
         with f.strict():
             square = Total(f, self.lanes)
@@ -213,17 +218,22 @@ class GaussStepper(GaussOutput):
                 d = (fresh - self.guess[j]) * f.splat(self.weight[j], self.lanes)
                 square.add_product(d, d)
                 self.guess[j] = fresh
-            update = f.sqrt(f.reduce("add", square.value))
-            last = f.load(self.before)
+            norm2 = f.reduce("add", square.value)
+            update, last = f.sqrt(norm2), f.load(self.before)
             f.store(update, self.before)
             ratio = f.min(update / last, 1.0)
             first = f.compare("ogt", last, FIRST)
             remembered = w.get(DoubleSlot.CONTRACTION)
+            enough = CONVERGED**2
+            square_of_product = norm2 * f.select(first, remembered * remembered, norm2)
+            limit = f.select(first, f.constant(enough), last * last * enough)
+            converged = f.compare("olt", square_of_product, limit) | f.compare("olt", norm2, enough)
+            converged = converged & f.compare("olt", norm2, enough / SMALLEST_RATIO**2)
             # one round measures no contraction, so the remembered one fades
             measured = f.select(first, remembered * 0.5, ratio)
             ratio = f.max(f.select(first, remembered, ratio), SMALLEST_RATIO)
             w.put(DoubleSlot.CONTRACTION, f.select(f.compare("ord", ratio, 0.0), measured, f.constant(1.0)))
-        return update, ratio
+        return update, ratio, converged
 
     def _hopeful(self, update: Value, ratio: Value) -> Condition:
         """Return whether another round is worth while."""
