@@ -116,6 +116,7 @@ def restart_function(count: int) -> Function:
     with f.count(count) as k:
         f.store(0.0, f.offset(f.offset("%w", DoubleSlot.SIZE), k))
     f.store_int(UNARMED, f.offset("%n", IntegerSlot.WATCH))
+    f.store(0.0, f.offset("%w", DoubleSlot.CHECKED))
     f.store_int(0, f.offset("%n", IntegerSlot.RATE_KNOWN))
     f.ret()
     return f

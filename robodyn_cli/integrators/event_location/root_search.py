@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.integrators.runtime.memory import FINE, DoubleSlot, IntegerSlot, Location, Status
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
+from robodyn_cli.kernels.lower import LANES
 
 TELLING = 16.0  # a secant is used if its two times differ by at least so many resolutions
 MOST_TRIALS = 200
@@ -28,6 +29,8 @@ class RootSearch:
         self.start = f.load(f.offset("%w", DoubleSlot.T))
         self.last = f.load(f.offset("%w", DoubleSlot.T_END))
         self.end = f.min(f.load(f.offset("%w", DoubleSlot.EVENT_HIGH)), self.last)
+        # a step has LANES brackets of this length, or more of a shorter one
+        self.step_end = f.muladd(self.end - self.start, float(LANES), self.start)
         self.resolution = f.max(f.abs(self.start), f.abs(self.end)) * FINE
         self.half = self.resolution * 0.5
         self.directions = f.table("directions", [float(event.direction) for event in events])
@@ -154,8 +157,9 @@ class RootSearch:
         x = self.end + room
         f.store(room * 2.0, self.gap)
         f.store(x, self.x)
-        left = f.compare_int("sle", f.bump(self.further), BEYOND) & f.compare("ole", x, self.last)
-        return ~(left & self.is_strict())
+        left = f.compare_int("sle", f.bump(self.further), BEYOND)
+        left = left | f.compare("ole", self.end + room * 0.5, self.step_end)
+        return ~(left & f.compare("ole", x, self.last) & self.is_strict())
 
     def is_resolved(self) -> Condition:
         """Return whether the bracket is longer than rounding allows."""

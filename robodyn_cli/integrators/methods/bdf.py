@@ -115,7 +115,8 @@ class BdfStepper(Stepper[Taken]):
     def _ends_at(self, history: str, t: Value) -> Condition:
         f = self.f
         gap = f.abs(f.load(f.offset(history, STAMP)) - t)
-        return f.compare("ole", gap, f.load(f.offset(history, STEP)) * 1e-6)
+        # a step may be as short as a few roundings of the time
+        return f.compare("ole", gap, f.max(f.load(f.offset(history, STEP)) * 1e-6, f.abs(t) * 2.3e-16))
 
     def _begin(self, t: Value, h: Value, failed: Block) -> str:
         """Return the address of the history that ends at t; where there is none, one is begun at order 1."""

@@ -183,6 +183,7 @@ def doubles_at_start(time: float, options: Options) -> dict[int, float]:
         DoubleSlot.T: time,
         DoubleSlot.RTOL: options.rtol,
         DoubleSlot.ATOL: max(options.atol, SMALLEST_ATOL),
+        DoubleSlot.GIVEN_ATOL: max(options.atol, SMALLEST_ATOL),
         DoubleSlot.H_MAX: options.max_step,
         DoubleSlot.CONTRACTION: 1.0,
         DoubleSlot.LAST_ERROR: 1.0,

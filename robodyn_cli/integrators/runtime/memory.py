@@ -24,7 +24,7 @@ class DoubleSlot:
     H = 1  # step to try next
     T_END = 2
     RTOL = 3
-    ATOL = 4
+    ATOL = 4  # of the step that is tried; see ``stepping/jumps.py``
     H_MAX = 5
     SAMPLE_START = 6  # sample k lies at SAMPLE_START + k * SAMPLE_STEP
     SAMPLE_STEP = 7
@@ -45,7 +45,9 @@ class DoubleSlot:
     SINCE = 22  # when the state was last replaced
     RESTART = 23  # the longest first step behind that
     FIRST = 24  # first steps as a part of the usual ones, see ``Options``
-    SIZE = 25  # event function values follow, then what closings note
+    GIVEN_ATOL = 25  # of the run
+    CHECKED = 26  # the next checked step, while one is tried whatever its error; 0 where none is
+    SIZE = 27  # event function values follow, then what closings note
 
 
 class IntegerSlot:

@@ -27,7 +27,6 @@ from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.record import mutable_record
 
 RESOLUTION = 4e-16  # of a time: shorter steps are lost in rounding
-SHORTEST = 32 * 2.3e-16  # of the time: steps that may pass a jump unchecked
 STRETCH = 1.0001  # a step that would leave less than this of itself is extended to the end
 REJECTIONS = 60  # in a row, after which a step will not get shorter any more
 PROJECTIONS = 6  # Newton steps
@@ -82,16 +81,25 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
         w.state[k] = y[k]
     with f.block() as ended:
         run = Exit(w.f, ended)
+        jumps = None
+        if w.system.events:
+            from robodyn_cli.integrators.stepping.jumps import jump_steps
+
+            jumps = jump_steps(w, stepper.method.adaptive)
         with f.loop() as steps:
             if w.system.updates is not None:
                 from robodyn_cli.integrators.stepping.updates import update_when_due
 
                 update_when_due(w, w.system.updates, run)
             _write_samples(w, stepper, run)
+            if jumps is not None:
+                jumps.begin()
             step = _next_step(w, stepper, run)
             with f.block() as failed:
                 attempt = stepper.attempt(step.t, step.h, failed)
                 verdict = judge(w, stepper.method.adaptive, stepper.control, step.h, attempt)
+                if jumps is not None:
+                    jumps.check(step.t, step.h, verdict)
                 _reject(w, stepper.method.adaptive, step, verdict, failed, run)
                 remember(w, verdict)
                 stepper.save_dense(step.t, step.h, attempt.kept)
@@ -100,9 +108,13 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
 
                     find_event(w, stepper, step.t, step.h, run)
                 _commit(w, step, verdict, stepper.method.adaptive)
+                if jumps is not None:
+                    jumps.commit()
                 if stepper.method.projects(w.system):
                     _project(w)
                 steps.again()
+            if jumps is not None:
+                jumps.try_unchecked(step.t, step.h, steps)
             _count_rejection(w, run)
     for k in w.each(w.size):
         y[k] = w.state[k]
@@ -152,8 +164,6 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: StepVerdict, failed:
         counted = f.compare("olt", verdict.square, 1.0)
         if adaptive:
             counts.leave(counted)
-            if any(event.is_discontinuity for event in w.system.events):
-                counts.leave(_steps_over_jump(w, step))
             w.put(DoubleSlot.H, shorter(w, verdict, step.h))
             failed.leave()
         else:
@@ -162,26 +172,6 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: StepVerdict, failed:
             run.leave(Status.NOT_FINITE, f.compare("uno", verdict.square, 0.0))
             run.leave(Status.NOT_FINITE, unless=finite)
             run.leave(Status.NOT_SOLVED)
-
-
-def _steps_over_jump(w: Writer, step: Step) -> Condition:
-    """Return whether a rejected step is as short as steps can be and passes a jump of the right-hand side.
-
-    No step over a jump is short enough for a tight tolerance. In a step of a few roundings of time, even a wrong
-    right-hand side changes the state by rounding only.
-    """
-    f, s = w.f, w.system
-    assert s.switching is not None
-    least = f.slot()
-    f.store(0.0, least)
-    with f.when(f.compare("ole", step.h, f.abs(step.t) * SHORTEST)):
-        values = w.evaluate(s.switching, step.t + step.h, w.new)["g"]
-        for k, (g, event) in enumerate(zip(values, s.events)):
-            if event.is_discontinuity:
-                product = g * w.get(DoubleSlot.SIZE + k)
-                so_far = f.load(least)
-                f.store(f.select(f.compare("olt", product, so_far), product, so_far), least)
-    return f.compare("olt", f.load(least), 0.0)
 
 
 def _count_rejection(w: Writer, run: Exit) -> None:
