@@ -12,7 +12,7 @@ from robodyn_cli.report.cells import Figure, Table, figure, is_number, spaced
 from robodyn_cli.report.control_figures import control_tables, loop_note
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.sampling import is_sparse, sparse_words
-from robodyn_cli.results.stated_errors import stated
+from robodyn_cli.results.stated_errors import Stated, stated
 from robodyn_cli.summaries.control import POLE_UNIT
 from robodyn_cli.summaries.deploy import NORM
 from robodyn_cli.summaries.facts import Fact, for_coordinate, rounded_up
@@ -53,8 +53,16 @@ def notes(result: Result) -> list[str]:
 
 def errors(result: Result, all_of_them: bool = False) -> list[str]:
     """Return the errors and residuals that a result states in words, each with its unit; the main ones, or all."""
+    unit_of = shown_units(result)
+
+    def amounts(one: Stated) -> str:
+        unit = one.statement.unit_in(result)
+        unit = unit_of(".".join(one.statement.key)) or unit if " or " in unit else unit
+        parts = one.statement.by_unit(result, one.value) or {unit: one.value}
+        return ", ".join(f"{rounded_up(x):.2g}{spaced(u)}" for u, x in parts.items())
+
     return [
-        f"{one.words} {rounded_up(one.value):.2g}{spaced(one.statement.unit_in(result))}"
+        f"{one.words} {amounts(one)}"
         for one in stated(result.summary)
         if one.statement.is_main or all_of_them
     ]
@@ -107,7 +115,7 @@ def _tables(result: Result, columns: Mapping[tuple[str, ...], Leaf]) -> list[Tab
     """Return a table of single figures, and one for each kind of names (joints, points), of those that there are."""
     summary, coordinates = result.summary, _coordinates(result)
     single: list[list[str | Figure]] = [
-        [leaf.fact.column, _cell(summary, steps, leaf, "", coordinates)]
+        [leaf.fact.column, _cell(result, steps, leaf, "", coordinates)]
         for steps, leaf in columns.items()
         if not _named(steps) and _at(summary, *steps) is not None
     ]
@@ -118,7 +126,7 @@ def _tables(result: Result, columns: Mapping[tuple[str, ...], Leaf]) -> list[Tab
     listed = [Table(("", ""), single)]
     for (kind, names), own in groups.items():
         rows: list[list[str | Figure]] = [
-            [name, *(_cell(summary, *column, name, coordinates) for column in own.items())] for name in names
+            [name, *(_cell(result, *column, name, coordinates) for column in own.items())] for name in names
         ]
         head = (kind[-1].lower(), *(leaf.fact.column for leaf in own.values()))
         listed.append(Table(head, rows, meanings_of([leaf.fact for leaf in own.values()])))
@@ -145,28 +153,25 @@ def _kind(steps: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _cell(
-    summary: Summary, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
+    result: Result, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
 ) -> Figure:
-    """Return a figure, of a joint, a point or a column if it has a name, with its error and unit as declared."""
+    """Return a figure, with its error and unit as declared, of what has the name (``ball.qw``) if there is one."""
 
-    def named(
-        steps: Sequence[str],
-    ) -> tuple[str, ...]:  # names of coordinates have dots of their own: ball.qw
+    def named(steps: Sequence[str]) -> tuple[str, ...]:
         return tuple(name if step.isupper() else step for step in steps)
 
-    place = named(steps)
+    summary, place = result.summary, named(steps)
     own = dataclasses.replace(leaf, names=(name,), key=".".join(steps))
+    above = {True: place[:-1], False: ()}
     error = _larger(
         *(
-            _at(
-                summary,
-                *(place[:-1] if key.startswith(".") else ()),
-                *named(key.removeprefix(".").split(".")),
-            )
+            _at(summary, *above[key.startswith(".")], *named(key.removeprefix(".").split(".")))
             for key in leaf.fact.errors
         )
     )
-    return Figure(_at(summary, *place), error, own.unit(coordinates), leaf.fact.infinite)
+    if " or " in (unit := own.unit(coordinates)):
+        unit = _the_one(unit, own, result)
+    return Figure(_at(summary, *place), error, unit, leaf.fact.infinite)
 
 
 def _coordinates(result: Result) -> dict[str, str]:

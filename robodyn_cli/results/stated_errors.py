@@ -46,6 +46,17 @@ class Statement:
         units = set(units_of(result.variables[path]))
         return units.pop() if len(units) == 1 else self.unit
 
+    def by_unit(self, result: Result, value: float) -> dict[str, float]:
+        """Return what a residual of rows in several units is in each of them, where the samples tell: they have the
+        stated value, too."""
+        variable = result.variables.get(self.bounds)
+        if variable is None or not variable.data.size or len(set(units_of(variable))) < 2:
+            return {}
+        largest: dict[str, float] = {}
+        for unit, x in zip(units_of(variable), np.abs(variable.data).max(axis=0).tolist()):
+            largest[unit] = max(x, largest.get(unit, 0.0))
+        return largest if max(largest.values()) >= value else {}
+
 
 def beyond(apart: Any, stated: Any) -> Any:
     """Tell whether values are more apart than the sum of the errors that are stated of them; of arrays where."""

@@ -18,15 +18,6 @@ class LinearSignal:
 
 
 @record
-class ModeErrors:
-    """Errors of what follows from a pole, by that of the pole."""
-
-    frequency: float = fact("of the frequency", "Hz")
-    damping: float | None = fact("of the damping ratio")
-    time: float | None = fact("of the time; `null` where the pole may as well be at 0", "s")
-
-
-@record
 class Mode:
     """A pole s of x-dot = A x, with its mode; a pair of complex poles is one mode, with the one above the real axis."""
 
@@ -42,16 +33,18 @@ class Mode:
     multiplicity: int = fact(
         "how many poles it stands for: 2 at 0 of a free motion, of position and rate, which goes on at its rate"
     )
-    frequency: float = fact("|s| / 2 pi, of the undamped oscillation", "Hz", errors=(".errors.frequency",))
+    frequency: float = fact("|s| / 2 pi, of the undamped oscillation", "Hz", errors=(".frequency_error",))
     damping: float | None = fact(
         "-Re s / |s|, the damping ratio: 1 of a decay without oscillation; `null` at 0",
-        errors=(".errors.damping",),
+        errors=(".damping_error",),
     )
     time: float | None = fact(
         "1 / |Re s|, in which it decays or grows e times; `null` where it does neither", "s",
-        errors=(".errors.time",),
+        errors=(".time_error",),
     )  # fmt: skip
-    errors: ModeErrors = fact("errors of frequency, damping and time")
+    frequency_error: float = fact("of the frequency, by that of the pole", "Hz")
+    damping_error: float | None = fact("of the damping ratio, likewise")
+    time_error: float | None = fact("of the time, likewise; `null` where the pole may as well be at 0", "s")
     shape: dict[str, list[float]] = fact(
         "amplitude of each coordinate, the largest 1, in its own unit, and its phase", "1 and rad"
     )
@@ -113,6 +106,11 @@ class LinearSummary:
     )
     rates: dict[str, float] | Absent = fact(
         "their rates; not along a motion", RATE, errors=("error_estimate.rates.JOINT",)
+    )
+    accelerations: dict[str, float] | Absent = fact(
+        "their accelerations; not along a motion",
+        ACCELERATION,
+        errors=("error_estimate.accelerations.JOINT",),
     )
     units: dict[str, str] | Absent = fact("unit of each coordinate: `rad`, `m` or `1`; not along a motion")
     holding_torques: dict[str, float] | Absent = fact(

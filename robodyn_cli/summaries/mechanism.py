@@ -274,7 +274,7 @@ class StaticsSummary:
     warnings: list[str] | Absent = fact("joints beyond their limits; printed too")
     multipliers: dict[str, float] | Absent = fact(
         "of the loops' rows, of least norm where rows depend on each other", "N or N m", names=ROW,
-        errors=("error_estimate.multipliers.ROW",),
+        errors=("error_estimate.multipliers.ROW",), column="multiplier",
     )  # fmt: skip
     constraint_residual: LoopResidual | Absent = fact("with loops", errors=None)
     samples: int = fact("number of samples: 1")

@@ -323,8 +323,9 @@ def report(state: AtRest, loads: Loads | None) -> Result:
         result.add(f"torque_terms/{name}", term[None], **columns)
     rows = problem.constraints.loop_rows
     if rows:
-        dependent = mobility_at(state, *loops_at(state)).redundant_rows > 0
-        add_rows(result, rows, {"constraints/multipliers": state.lam[None]}, dependent)
+        eta, psi = loops_at(state)
+        arrays = {"constraints/multipliers": state.lam[None], "constraints/position_residual": eta[None]}
+        add_rows(result, rows, arrays, mobility_at(state, eta, psi).redundant_rows > 0)
     if loads is not None:
         loads.add_to(result)
     return result

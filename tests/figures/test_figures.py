@@ -8,6 +8,7 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -61,10 +62,11 @@ def test_what_was_wrong_once(path: Path) -> None:
     check(path, command, SAMPLES.get(command, 31), with_extremes(path, command))
 
 
-@pytest.mark.parametrize("seed", range(16))
-def test_poses_that_are_reached(seed: int) -> None:
+def test_poses_that_are_reached() -> None:
     """Errors are not told by other runs, which would come to the same rounding, but by fifty digits."""
-    assert not [str(x) for x in reached_moves(seed) if x.ratio > 1.0]
+    found = [x for seed in range(24) for x in reached_moves(seed)]
+    assert not [str(x) for x in found if x.ratio > 1.0]
+    assert len(found) > 200 and np.median([x.ratio for x in found]) > 1e-2
 
 
 def check(path: Path, command: str, samples: int, given: tuple[str, ...]) -> None:

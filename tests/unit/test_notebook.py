@@ -104,7 +104,7 @@ def test_the_error_of_a_figure_stands_beside_it() -> None:
     without = simulate(load_scene(CONFIGS / "double_pendulum.yaml", ["simulate.error_estimate=false"]))
     assert "±" not in str(tables(without)[0].rows[0][1])
     locked = deploy(load_scene(CONFIGS / "four_bar_deploy.yaml"))
-    assert re.match(r"locked at t = 12\.28299560963\d* ± \S+e-1\d s: dead point", notes(locked)[0])
+    assert re.match(r"locked at t = 12\.282995609\d+ ± \S+e-1\d s: dead point", notes(locked)[0])
 
 
 @pytest.mark.parametrize(

@@ -302,11 +302,12 @@ def test_tables_of_poles_and_modes_have_plain_figures_and_units(law: str, unit: 
     """The first column has its unit, too; a pole that of its loop; amplitude and phase one each."""
     control = f"control={{type: pd, {law}joints: [theta1, theta2], gains: {{kp: 900, kd: 90}}}}"
     result = linearise(load_scene(CONFIGS / "double_pendulum.yaml", [control]))
-    text = html.unescape("".join(summary_tables(result.summary, shown_units(result))))
+    text = html.unescape("".join(summary_tables(result.summary, shown_units(result), shown_errors(result))))
     for pole in result.summary["closed_loop"]["poles"]:
-        assert f">{written(pole['real'])} {unit}<" in text
+        assert f">{written(Quantity(pole['real'], unit, pole['error']))}<" in text
     for mode in result.summary["modes"]:
-        assert f">{written(Quantity(mode['real'], '1/s'))}<" in text
+        assert f">{written(Quantity(mode['real'], '1/s', mode['error']))}<" in text
+        assert f">{written(Quantity(mode['frequency'], 'Hz', mode['frequency_error']))}<" in text
         amplitude, phase = mode["shape"]["theta1"]
         assert f">{written([amplitude, Quantity(phase, 'rad')])}<" in text and ">shape: theta1<" in text
     for word in ("Quantity", "of·a·sampled", "and·rad"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -212,6 +213,36 @@ def test_four_bars_with_springs(seed: int, find: str) -> None:
     assert max(off["configuration"].values()) < 1e-6
 
 
+def test_errors_of_several_four_bars_cover_and_are_small() -> None:
+    """Those of loads and torques too, which have no more digits than multipliers."""
+    ratios = []
+    for seed, find in itertools.product(range(1, 9), ("balance", "hold")):
+        text, parts = spring_four_bar(np.random.default_rng(seed), seed, find)
+        try:
+            summary = statics(load_scene_text(text)).summary
+        except (GeometryError, SingularConfigurationError, NumericalError):
+            continue
+        with mp.workdps(50):
+            q, pin, torque = exact(parts, list(summary["configuration"].values()), find)
+            off, load = summary["error_estimate"], summary["reactions"]["largest"]["pin"]
+            force, rank = mp.sqrt(pin[0] ** 2 + pin[1] ** 2), summary["mobility"]
+            sizes = mp.svd(mp.matrix(parts(*q)[2]), compute_uv=False)
+            told = [
+                *((summary["configuration"][x], true, off["configuration"][x]) for x, true in zip(JOINTS, q)),
+                *((abs(x), abs(true), off["multipliers"][row]) for (row, x), true in zip(summary["multipliers"].items(), pin)),
+                (load["peak_force"], force, load["force_error"]),
+                (rank["smallest_kept"], sizes[1] / sizes[0], rank["smallest_kept_error"]),
+            ]  # fmt: skip
+            if find == "hold":
+                told.append(
+                    (summary["torques_of_joints"]["first"], torque, off["torques_of_joints"]["first"])
+                )
+            ratios += [covered(*one) for one in told]
+            assert load["force_error"] < 1e-8 * max(1.0, load["peak_force"])
+            assert max(off["multipliers"].values()) < 1e-8 * max(1.0, load["peak_force"])
+    assert len(ratios) > 60 and np.median(ratios) > 1e-3
+
+
 @pytest.mark.parametrize("about", ["balance", "hold"])
 @pytest.mark.parametrize("seed", range(12))
 def test_what_holds_a_linear_model(seed: int, about: str) -> None:
@@ -309,15 +340,35 @@ def at_a_fold(**given: str) -> tuple[float, float, dict[str, Any]]:
     )
 
 
-@pytest.mark.parametrize("below", [1e-3, 1e-7, 1e-11, 1e-13, 1e-14, 1e-15, 0.0])
-def test_where_two_balances_meet_the_error_is_their_distance_at_most(below: float) -> None:
-    torque = G * (1.0 - below)
-    q, error, facts = at_a_fold(torques=f"torques: {{a: {torque!r}}}")
-    with mp.workdps(50):
-        true = 2 * mp.pi - mp.acos(min(mp.mpf(1), mp.mpf(torque) / mp.mpf(G)))
-        covered(q, true, error)
-        covered(facts["stiffness"][0], -mp.mpf(G) * mp.sin(true), facts["stiffness_error"])
-    assert error < 1e-6
+def test_where_two_balances_meet_the_error_is_their_distance_at_most() -> None:
+    """A stiff pendulum beside it is known as well as ever."""
+    for beside, below in itertools.product((False, True), (1e-3, 1e-7, 1e-11, 1e-13, 1e-14, 1e-15, 0.0)):
+        torque = G * (1.0 - below)
+        scene = yaml.safe_load(
+            INDIFFERENT.format(spring="", com="1, 0, 0", torques=f"torques: {{a: {torque!r}}}")
+        )
+        if beside:
+            joint = {"name": "b", "type": "revolute", "parent": "base", "link": "m", "axis": [0, 0, 1]}
+            scene["robot"]["joints"].append({**joint, "spring": {"stiffness": 1e4, "rest": 0.4}})
+            scene["robot"]["links"].append({**scene["robot"]["links"][0], "name": "m"})
+            scene["initial"]["q"]["b"] = 0.3
+        summary = statics(load_scene_text(yaml.safe_dump(scene))).summary
+        q, off, facts = (
+            summary["configuration"],
+            summary["error_estimate"]["configuration"],
+            summary["equilibrium"],
+        )
+        with mp.workdps(50):
+            true = 2 * mp.pi - mp.acos(min(mp.mpf(1), mp.mpf(torque) / mp.mpf(G)))
+            covered(q["a"], true, off["a"])
+            covered(facts["stiffness"][0], -mp.mpf(G) * mp.sin(true), facts["stiffness_error"])
+            if beside:
+                other = mp.findroot(
+                    lambda b: 10000 * (b - mp.mpf(0.4)) + mp.mpf(G) * mp.cos(b), mp.mpf(q["b"])
+                )
+                covered(q["b"], other, off["b"])
+                assert off["b"] < 1e-13
+        assert off["a"] < 1e-6 and facts["stiffness_error"] < 1e-5
 
 
 @pytest.mark.parametrize("above", [-1e-6, -1e-10, 0.0, 1e-14, 1e-10, 1e-6])

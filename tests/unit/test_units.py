@@ -6,17 +6,23 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from robodyn_cli.report.figures import declared, errors
 from robodyn_cli.results.result import Result, units_of
-from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.kinematics import kinematics
 from robodyn_cli.works.simulate import simulate
+from robodyn_cli.works.statics import statics
+
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 # powers of two, so far apart that no unit of mechanics is another one; angles, currents and prices stay
 POWERS = {"m": 3, "kg": 7, "s": -1, "rad": 0, "deg": 0, "A": 0, "K": 0, "degC": 0, "1": 0, "": 0}
@@ -172,3 +178,31 @@ def test_units_of_kinematics() -> None:
 
 def test_units_of_drives() -> None:
     check(ARM + DRIVES, inverse)
+
+
+def at_rest(name: str, *overrides: str) -> Result:
+    return statics(load_scene(CONFIGS / "benchmarks" / f"{name}.yaml", list(overrides)))
+
+
+def test_what_rows_lack_has_a_unit_for_each_kind() -> None:
+    """Rows of lengths and rows of angles are no peers; a mechanism in a plane has lengths alone."""
+    spatial, planar = at_rest("bennett", "statics.find=hold"), at_rest("slider_crank", "statics.find=hold")
+    rows = spatial.variables["constraints/position_residual"]
+    largest = {
+        unit: max(abs(x) for x, own in zip(rows.data[0].tolist(), units_of(rows)) if own == unit)
+        for unit in ("m", "rad")
+    }
+    told = next(text for text in errors(spatial) if text.startswith("constraints off by"))
+    assert (
+        told == f"constraints off by {rounded_up(largest['m']):.2g} m, {rounded_up(largest['rad']):.2g} rad"
+    )
+    assert any(text.startswith("constraints off by") and text.endswith(" m") for text in errors(planar))
+
+
+def test_multipliers_are_told_with_the_unit_of_their_row() -> None:
+    for found in (at_rest("bennett", "statics.find=hold"), at_rest("slider_crank", "statics.find=hold")):
+        (listed,) = [one for one in declared(found) if one.head[0] == "row"]
+        variable = found.variables["constraints/multipliers"]
+        wanted = dict(zip(variable.names, units_of(variable)))
+        assert {str(row[0]): row[1].unit for row in listed.rows} == wanted
+        assert all(row[1].error is not None for row in listed.rows)

@@ -257,7 +257,7 @@ def _stability(of: Mapping[str, Any]) -> str:
     word: str = of["stability"]
     fastest = max(of["modes"], key=lambda mode: mode["real"])
     if word == "unstable":
-        time = stated(fastest["time"], fastest["errors"]["time"])
+        time = stated(fastest["time"], fastest["time_error"])
         return f"unstable: the mode of the pole {_pole(fastest)} 1/s grows e times in {time} s"
     if any(mode["multiplicity"] > 1 for mode in of["modes"]):
         return f"{word}; the mode of a double pole at 0 goes on at the rate that it has"
@@ -269,10 +269,10 @@ def _row(mode: Mapping[str, Any]) -> list[str]:
     # only a pair of complex poles oscillates
     oscillation = ["-", "-"]
     if mode["imaginary"]:
-        oscillation = [stated(mode[key], mode["errors"][key]) for key in ("frequency", "damping")]
+        oscillation = [stated(mode[key], mode[f"{key}_error"]) for key in ("frequency", "damping")]
     way = "" if mode["time"] is None else "grows e times" if mode["real"] > 0.0 else "decays to 1/e"
     pole = [_pole(mode) + note, error_text(mode["error"]), way]
-    return [*pole, stated(mode["time"], mode["errors"]["time"]), *oscillation, _moves(mode)]
+    return [*pole, stated(mode["time"], mode["time_error"]), *oscillation, _moves(mode)]
 
 
 def _pole(mode: Mapping[str, Any]) -> str:

@@ -27,11 +27,6 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
     else:
         lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
     lines += figures
-    multipliers = summary.get("multipliers")
-    if verbose and multipliers:
-        off = summary["error_estimate"]["multipliers"]
-        listed = ", ".join(f"{k} {stated(x, off[k])}" for k, x in multipliers.items())
-        lines.append(f"  multipliers        {listed} (N or N m)")
     lines += multiplier_lines(summary)
     lines += mobility_lines(summary) if verbose else []
     return "\n".join(lines)

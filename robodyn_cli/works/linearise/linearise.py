@@ -30,7 +30,6 @@ from robodyn_cli.summaries.linear import (
     LinearInstant,
     LinearSummary,
     Mode,
-    ModeErrors,
 )
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import JointMotion
@@ -73,22 +72,19 @@ def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> lis
         modes.append(
             Mode(
                 s.real, s.imag, float(errors[k]), 1, size / math.tau, 0.0 - s.real / size if size else None,
-                1.0 / abs(s.real) if abs(s.real) > BLIND * size else None, _off_mode(s, float(errors[k])),
+                1.0 / abs(s.real) if abs(s.real) > BLIND * size else None, *_off_mode(s, float(errors[k])),
                 _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
         )  # fmt: skip
     return modes
 
 
-def _off_mode(s: complex, off: float) -> ModeErrors:
-    """Return the errors of what follows from a pole s that is off by ``off``: the largest within that distance."""
+def _off_mode(s: complex, off: float) -> tuple[float, float | None, float | None]:
+    """Return the errors of frequency, damping and time of a pole s that is off by ``off``."""
     size, real = abs(s), abs(s.real)
     turned = 2.0 * off / size if size > off else 2.0  # no direction changes by more than the chord
-    return ModeErrors(
-        off / math.tau,
-        min(turned, 2.0) if size else None,
-        off / (real * (real - off)) if real > off else None,
-    )
+    damping = min(turned, 2.0) if size else None
+    return off / math.tau, damping, off / (real * (real - off)) if real > off else None
 
 
 def _parallel(a: Array, b: Array) -> bool:
@@ -299,6 +295,7 @@ def _summary(
         freedoms=len(given.places),
         configuration=dict(zip(model.q_names, states.q[0].tolist())) if one else ABSENT,
         rates=dict(zip(model.v_names, states.v[0].tolist())) if one else ABSENT,
+        accelerations=dict(zip(model.v_names, linear.a[0].tolist())) if one else ABSENT,
         units=model.coordinate_units if one else ABSENT,
         holding_torques=held or ABSENT,
         holding_torques_error=held_errors or ABSENT,
