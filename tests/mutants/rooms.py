@@ -107,6 +107,10 @@ ROOMS = {
     "summaries": ["test_observed_figures.py", *RESULTS, "test_run_reactions.py", "test_sweep.py"],
     "works/equilibria.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
     "works/rest": ["test_rest_errors.py", "test_many_statics.py"],
+    "works/reach.py": ["test_pose_errors.py", "test_figures.py"],
+    "works/closed_branches.py": ["test_closed_errors.py", "test_run_assemble.py"],
+    "works/linearise/errors.py": ["test_closed_errors.py", "test_rest_errors.py"],
+    "ready/closed_errors.py": ["test_closed_errors.py", "test_rest_errors.py", "test_pose_errors.py"],
     "works/statics.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
     "works/kinematics.py": ["test_observed_figures.py", "test_run_kinematics.py", "test_units.py", "test_poses.py", "test_many_kinematics.py"],
 }  # fmt: skip

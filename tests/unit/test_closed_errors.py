@@ -141,7 +141,7 @@ def test_the_condition_number_of_the_inertia(seed: int) -> None:
     assert off <= summary["mass_condition_error"] < 1e-6 * summary["mass_condition"], off
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", [1, 0, *range(2, 30)])
 def test_the_state_of_a_linear_model_and_its_accelerations(seed: int) -> None:
     """The inertia is the same in all configurations, so accelerations follow from the rates by the loop alone."""
     rng = np.random.default_rng(seed)
@@ -170,7 +170,8 @@ def test_the_state_of_a_linear_model_and_its_accelerations(seed: int) -> None:
             for name, value, own in zip(JOINTS, true, given):
                 assert abs(float(mp.mpf(float(own)) - value)) <= off[key][name], (key, name)
         largest = max(off["accelerations"].values())
-        assert summary["largest_acceleration_error"] <= largest < 1e-4 * float(max(map(abs, accelerations)))
+        assert summary["largest_acceleration_error"] <= largest
+        assert largest < (1e-9 if seed % 3 else 1e-4) * float(max(map(abs, accelerations)))
 
 
 @pytest.mark.parametrize("real", [-2.0, -1e-3, 0.7])

@@ -281,6 +281,7 @@ def test_the_pose_of_a_regulator_near_dead_points(seed: int) -> None:
         q, _, torque = exact(parts, at, "hold")
         for value, true, error in zip(at, q, design.at_errors):
             covered(value, true, error)
+        assert max(design.at_errors) < 1e-6
         covered(design.holding[0], torque, design.holding_errors[0])
 
 
