@@ -28,6 +28,10 @@ from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT, JOINT, warned
 from robodyn_cli.torques.checks import breaks_of_joint, settled
 
+EPS = float(np.finfo(float).eps)
+UNBOUNDED = (
+    1e8  # times as fast as a driven joint others move only where it is at a dead point but for rounding
+)
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
 
@@ -221,7 +225,11 @@ class StandingStill:
 
 def following(psi: Array, driven: Sequence[int]) -> Array | None:
     """Return R (T, nv, nv), whose column k is the motion of all joints while joint k moves and the other driven ones
-    rest, with Psi (T, m, nv) of the loops; None where these motions are not unique."""
+    rest, with Psi (T, m, nv) of the loops; None where these motions are not unique.
+
+    At a dead point of a joint the others move without bound, and rounding decides how far and which way: there they go
+    as in the sample before.
+    """
     samples, rows, nv = psi.shape
     if rows == 0:
         return np.broadcast_to(np.eye(nv), (samples, nv, nv))
@@ -230,7 +238,13 @@ def following(psi: Array, driven: Sequence[int]) -> Array | None:
         return None
     R = np.zeros((samples, nv, nv))
     R[:, driven, driven] = 1.0
-    follow = -np.linalg.pinv(psi[:, :, others]) @ psi[:, :, driven]
+    U, sizes, Vt = np.linalg.svd(psi[:, :, others], full_matrices=False)
+    sizes = np.maximum(
+        sizes, EPS * sizes.max(axis=1, initial=0.0, keepdims=True)
+    )  # a singular one is rounding
+    follow = -Vt.transpose(0, 2, 1) @ (U.transpose(0, 2, 1) @ psi[:, :, driven] / sizes[:, :, None])
+    for k in np.flatnonzero((np.abs(follow) > UNBOUNDED).any(axis=(1, 2))):
+        follow[k] *= np.where(np.sum(follow[k] * follow[max(k - 1, 0)], axis=0) < 0.0, -1.0, 1.0)
     R[np.ix_(range(samples), others, driven)] = follow
     return R
 

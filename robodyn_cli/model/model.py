@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from robodyn_cli.forces.element import ForceElement
 
 BASE = -1
-LONG = (
-    64  # bodies beyond which masses stay where they are: each would be computed from all that are further out
-)
+LONG = 64  # bodies in a row beyond which masses stay where they are: each would be computed from all beyond
 
 
 @record
@@ -235,9 +233,12 @@ class Model:
 
         M, C and G stay. Unlike base parameters, which are fewer still, this only adds, so that nothing cancels, and it
         serves symbols and derivatives. Loads in the joints, and momenta and energies of single bodies, do not stay.
-        Long trees are left as they are.
+        Trees with long branches are left as they are.
         """
-        if len(self.bodies) > LONG:
+        rows = list[int]()  # of bodies from the base to each
+        for body in self.bodies:
+            rows.append(1 if body.parent == BASE else rows[body.parent] + 1)
+        if max(rows, default=0) > LONG:
             return self
         inertia = [body.inertia for body in self.bodies]
         for k, body in reversed(list(enumerate(self.bodies))):
