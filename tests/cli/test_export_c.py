@@ -272,8 +272,15 @@ def test_what_is_said(tmp_path: Path, capsys: Any) -> None:
     robot = tmp_path / "arm.urdf"
     assert run(["export", str(PENDULUM), "--to", "urdf+", "--out", str(tmp_path), "--quiet"]) == 0
     (tmp_path / "double_pendulum.urdf").rename(robot)
-    exported(tmp_path / "of_urdf", robot)
-    assert "9.81" in (tmp_path / "of_urdf" / "arm.c").read_text(encoding="utf-8")
+    weights = {}
+    for name, options in {
+        "own": [],
+        "standard": ["gravity=[0, 0, -9.81]"],
+        "none": ["gravity=[0, 0, 0]"],
+    }.items():
+        own = exported(tmp_path / name, robot, *(x for o in options for x in ("--set", o)))
+        weights[name] = (own / "arm.c").read_text(encoding="utf-8")
+    assert weights["own"] == weights["standard"] != weights["none"]  # a URDF says nothing of gravity
 
 
 @needs_compiler
