@@ -689,7 +689,9 @@ def test_margins_are_over_the_joint_by_name_and_static_ones_lie_on_dynamic_ones(
     figure = draw(result, "motorisation")
     over_time, over_angle = figure.axes
     assert over_time.get_xlabel() == "time [s]" and over_angle.get_xlabel() == "hinge [rad]"
-    dynamic, static, _ = over_time.lines
+    dynamic, static, _, least = over_time.lines
+    found = result.summary["motorisation"]["hinge"]
+    assert (least.get_xdata()[0], least.get_ydata()[0]) == (found["time"], found["ratio"])
     assert dynamic.get_linewidth() > 2.0 * static.get_linewidth() and static.get_linestyle() == "--"
 
 

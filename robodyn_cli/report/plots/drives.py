@@ -11,6 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report import numbers, style
 from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.cells import figure
 from robodyn_cli.report.looks import looks_of
 from robodyn_cli.report.numbers import labelled, number, position_word
 from robodyn_cli.report.registry import plot
@@ -315,6 +316,12 @@ def motorisation(result: Result) -> Any:
             ax.set_xlim(way.min(), way.max())
         if not (every < highest).all():
             ax.set_ylim(top=highest)
+    for (
+        name,
+        one,
+    ) in figures.items():  # it may be reached between two samples, behind ratios beyond the drawing
+        if one["ratio"] is not None and one["ratio"] < highest:
+            sheet.axes[0].plot(one["time"], one["ratio"], "o", color=looks.colour(name), clip_on=False)
     over_joint(result, sheet.axes[:1])
     sheet.ax.set_ylabel("ratio")
     sheet.legend(handles, labels)
@@ -336,5 +343,7 @@ def _ratio(figures: Mapping[str, Any]) -> str:
     if figures["ratio"] is None:
         return "nothing resists"
     error = figures["errors"]["ratio"]
-    off = "" if error is None else f" +- {numbers.error_number(error, 2)}"
-    return f"{number(figures['ratio'], 5)}{off} at {numbers.times([figures['time']])[0]}"
+    told = (
+        number(figures["ratio"], 5) if error is None else figure(figures["ratio"], error).replace("±", "+-")
+    )
+    return f"{told} at {numbers.times([figures['time']])[0]}"
