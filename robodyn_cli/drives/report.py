@@ -29,9 +29,7 @@ from robodyn_cli.summaries.facts import ABSENT, JOINT, warned
 from robodyn_cli.torques.checks import breaks_of_joint, settled
 
 EPS = float(np.finfo(float).eps)
-UNBOUNDED = (
-    1e8  # times as fast as a driven joint others move only where it is at a dead point but for rounding
-)
+UNBOUNDED = 1e8  # times as fast as a driven joint others move only at its dead point, but for rounding
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
 
@@ -239,9 +237,8 @@ def following(psi: Array, driven: Sequence[int]) -> Array | None:
     R = np.zeros((samples, nv, nv))
     R[:, driven, driven] = 1.0
     U, sizes, Vt = np.linalg.svd(psi[:, :, others], full_matrices=False)
-    sizes = np.maximum(
-        sizes, EPS * sizes.max(axis=1, initial=0.0, keepdims=True)
-    )  # a singular one is rounding
+    rounding = EPS * sizes.max(axis=1, initial=0.0, keepdims=True)
+    sizes = np.maximum(sizes, rounding)
     follow = -Vt.transpose(0, 2, 1) @ (U.transpose(0, 2, 1) @ psi[:, :, driven] / sizes[:, :, None])
     for k in np.flatnonzero((np.abs(follow) > UNBOUNDED).any(axis=(1, 2))):
         follow[k] *= np.where(np.sum(follow[k] * follow[max(k - 1, 0)], axis=0) < 0.0, -1.0, 1.0)

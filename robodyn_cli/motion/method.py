@@ -27,9 +27,8 @@ SERIES = 80
 # trusts its steps less
 STEEP_SERIES = 8500
 LOOSE = 3e-7  # relative tolerance down to which order 12 takes no longer than order 16
-EXPLICIT = (
-    1100  # operations of the equations up to which ``dop853`` in lanes is quicker than the default method
-)
+# operations of the equations up to which ``dop853`` in lanes is quicker than the default method
+EXPLICIT = 1100
 TIGHT = 1e-9  # relative tolerance down to which it is so
 SHARE = 1.0 / 30.0  # of the tolerances, at which it errs about as much as that method
 

@@ -14,7 +14,7 @@ from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.base_parameters import with_base_parameters
-from robodyn_cli.scene import load_scene_text
+from robodyn_cli.scene import load_scene
 from tests.numeric import assert_close, real
 from tests.random_models import random_tree
 
@@ -58,21 +58,7 @@ def test_masses_at_joints_may_be_symbols() -> None:
 
 def test_planar_arms_take_a_quarter_fewer_operations() -> None:
     """The mass of the second link at the elbow leaves nothing of the rotation there and back."""
-    link = "mass: 2, com: [-0.4, 0, 0], com_frame: link, inertia: {zz: 0.1}"
-    scene = load_scene_text(f"""
-schema: 1
-command: simulate
-gravity: [0, -9.81, 0]
-robot:
-  convention: standard
-  joints:
-    - {{name: a, type: revolute, a: 1.0, alpha: 0, d: 0}}
-    - {{name: b, type: revolute, a: 1.0, alpha: 0, d: 0}}
-  links: [{{name: A, {link}}}, {{name: B, {link}}}]
-initial: {{q: {{b: 0.1}}}}
-simulate: {{duration: 1}}
-""")
-    problem = Problem(scene)
+    problem = Problem(load_scene("configs/double_pendulum.yaml"))
     plain = rnea(problem.model, problem.q, problem.v, problem.a, problem.gravity, problem.X)
     assert count_operations(list(problem.inverse_dynamics)) < 0.85 * count_operations(list(plain))
     assert count_operations(list(problem.free_accelerations(-problem.bias))) < 40

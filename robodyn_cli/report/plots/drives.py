@@ -316,10 +316,8 @@ def motorisation(result: Result) -> Any:
             ax.set_xlim(way.min(), way.max())
         if not (every < highest).all():
             ax.set_ylim(top=highest)
-    for (
-        name,
-        one,
-    ) in figures.items():  # it may be reached between two samples, behind ratios beyond the drawing
+    # the least ratio may be reached between two samples whose own are beyond the drawing
+    for name, one in figures.items():
         if one["ratio"] is not None and one["ratio"] < highest:
             sheet.axes[0].plot(one["time"], one["ratio"], "o", color=looks.colour(name), clip_on=False)
     over_joint(result, sheet.axes[:1])
