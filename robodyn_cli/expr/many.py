@@ -133,7 +133,7 @@ class ManyNumbers:
     def __init__(self, recipe: Recipe, given: Mapping[str, Array], runs: int) -> None:
         self.recipe, self.runs = recipe, runs
         self.given = {place: self._taken(x) for place, x in given.items()}
-        self._values: list[Any] = []  # of the recipe's steps
+        self._values: Any = []  # of the recipe's steps
 
     def _taken(self, x: Any) -> Any:
         """Return values as arrays, or as the number of a single run."""
@@ -143,15 +143,8 @@ class ManyNumbers:
 
     def rows(self, runs: NDArray[np.intp]) -> ManyNumbers:
         """Return the numbers of some of the runs (n,), each as often as it is named."""
-
-        def own(x: Any) -> Any:
-            if isinstance(x, tuple):
-                return tuple(map(own, x))
-            return x[runs] if isinstance(x, np.ndarray) and x.ndim and len(x) == self.runs else x
-
         rows = ManyNumbers(self.recipe, {}, len(runs))
-        rows.given = {place: own(x) for place, x in self.given.items()}
-        rows._values = [own(x) for x in self._computed()]
+        rows._values = _Rows(self, runs)
         return rows
 
     def table(self, numbers: Sequence[float]) -> Array:
@@ -244,6 +237,30 @@ class ManyNumbers:
             for k in range(self.runs)
         ])  # fmt: skip
         return float(found[0]) if self.runs == 1 and np.ndim(x) == 0 else found
+
+
+class _Rows(Sequence[Any]):
+    """The values of the recipe's steps in some of the runs (n,), each taken when it is asked for."""
+
+    def __init__(self, whole: ManyNumbers, runs: NDArray[np.intp]) -> None:
+        self._whole, self._runs = whole, runs
+        self._known: dict[int, Any] = {}
+
+    def __len__(self) -> int:
+        return len(self._whole.recipe.steps)
+
+    def __getitem__(self, k: Any) -> Any:
+        if k not in self._known:
+            self._known[k] = self._own(self._whole._computed()[k])
+        return self._known[k]
+
+    def _own(self, x: Any) -> Any:
+        if isinstance(x, tuple):
+            return tuple(map(self._own, x))
+        if not isinstance(x, np.ndarray) or not x.ndim or len(x) != self._whole.runs:
+            return x
+        # a single run has numbers
+        return float(x[self._runs[0]]) if x.ndim == 1 and len(self._runs) == 1 else x[self._runs]
 
 
 class Expressions:

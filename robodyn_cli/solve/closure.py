@@ -310,42 +310,50 @@ class ManyConditions(Protocol):
         """Return F (N, m) and J (N, m, nv)."""
         ...
 
+    def part(self, rows: NDArray[np.intp]) -> ManyConditions:
+        """Return the conditions of some of the runs (n,)."""
+        ...
+
 
 def newton_of_many(conditions: ManyConditions, q: Array, free: Sequence[int]) -> tuple[Array, Array]:
     """Return positions q (N, nq) moved by the steps of ``newton`` in many runs, and the relative residuals (N,)."""
     columns, q = list(free), q.copy()
-    lengths, sizes = conditions.lengths[..., columns], conditions.sizes
-
-    def at(q: Array) -> tuple[Array, Array, Array]:
-        F, J = conditions.at_runs(q)
-        F = F / sizes
-        scaled = J[:, :, columns] * lengths[..., None, :] / sizes[..., :, None]
-        return F, scaled, np.abs(F).max(axis=1, initial=0.0)
-
-    F, J, size = at(q)
-    active, slow = np.isfinite(size), np.zeros(len(q))
+    F, J, size = _scaled(conditions, q, columns)
+    slow = np.zeros(len(q))
+    moving: Any = np.isfinite(size)
     for _ in range(ITERATIONS):
-        active &= np.isfinite(J).all(axis=(1, 2)) & (size > TINY) & (slow <= PATIENT)
-        if not active.any():
+        moving &= np.isfinite(J).all(axis=(1, 2)) & (size > TINY) & (slow <= PATIENT)
+        waiting = np.flatnonzero(moving)
+        if not len(waiting):
             break
-        step = np.zeros((len(q), len(columns)))
-        step[active] = capped(least_steps(J[active], -F[active]))
-        waiting, before = active.copy(), size.copy()
+        own, before = conditions.part(waiting), size.copy()
+        step = capped(least_steps(J[waiting], -F[waiting]))
         for _ in range(HALVINGS):
-            trial = q.copy()
-            trial[:, columns] += step * lengths
-            others = at(trial)
-            taken = waiting & (others[2] < size)
-            for own, other in zip((q, F, J, size), (trial, *others)):
-                own[taken] = other[taken]
-            waiting &= ~taken
+            trial = q[waiting]
+            trial[:, columns] += step * own.lengths[..., columns]
+            there = _scaled(own, trial, columns)
+            closer = there[2] < size[waiting]
+            for known, new in zip((q, F, J, size), (trial, *there)):
+                known[waiting[closer]] = new[closer]
             # what rounding is left of is as close as it gets
-            if not (waiting & (size > CLOSED)).any():
+            again = ~closer & (size[waiting] > CLOSED)
+            moving[waiting[~closer & ~again]] = False
+            if not again.any():
                 break
-            step = 0.5 * step
+            waiting, own, step = waiting[again], own.part(np.flatnonzero(again)), 0.5 * step[again]
+        else:
+            moving[waiting] = False
         slow = np.where(size > 0.5 * before, slow + 1, 0)
-        active &= ~waiting
     return q, size
+
+
+def _scaled(conditions: ManyConditions, q: Array, columns: list[int]) -> tuple[Array, Array, Array]:
+    """Return F (N, m) and J (N, m, n) in parts of sizes and lengths, and the largest part of F (N,)."""
+    F, J = conditions.at_runs(q)
+    lengths, sizes = conditions.lengths[..., columns], conditions.sizes
+    F = F / sizes
+    J = J[:, :, columns] * lengths[..., None, :] / sizes[..., :, None]
+    return F, J, np.abs(F).max(axis=1, initial=0.0)
 
 
 def capped(steps: Any) -> Any:

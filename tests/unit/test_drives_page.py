@@ -40,5 +40,6 @@ def test_energies_of_the_shoulder_are_those_of_the_summary() -> None:
 
 
 def _rounded(line: str) -> list[str]:
-    """Return the words of a line: of figures the digits that no machine changes, and errors by their size."""
-    return re.sub(r"(\.\d{4})\d+ \+- \de", r"\1 e", line).split()
+    """Return the words of a line: of figures that are known to more than four decimals these alone, since rounding
+    decides on their errors."""
+    return re.sub(r"(\.\d{4})\d+ \+- \de-\d+", r"\1", line).split()

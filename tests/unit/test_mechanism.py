@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate, write_result
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
@@ -28,7 +29,7 @@ from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closure import least_steps
+from robodyn_cli.solve.closure import ManyConditions, least_steps, newton, newton_of_many
 from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -224,6 +225,68 @@ def test_steps_of_many_newtons_are_the_least_ones(shape: tuple[int, int, int], s
         J[3] = 0.0
     wanted = (np.linalg.pinv(J) @ F[..., None])[..., 0]
     np.testing.assert_allclose(least_steps(J, F), wanted, rtol=1e-7, atol=1e-9)
+
+
+class _Lines:
+    """Lines atan(4 (x + 2 y)) = a, a run each, past which undamped steps go; they note how many runs are asked for."""
+
+    lengths, sizes = np.ones(2), np.ones(1)
+
+    def __init__(self, a: NDArray[np.float64], asked: list[int]) -> None:
+        self.a, self.asked = a, asked
+
+    def at_runs(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self.asked.append(len(q))
+        s = 4.0 * (q @ (1.0, 2.0))
+        slope = 4.0 / (1.0 + s**2)
+        return (np.arctan(s) - self.a)[:, None], np.stack([slope, 2.0 * slope], axis=1)[:, None]
+
+    def part(self, rows: NDArray[np.intp]) -> ManyConditions:
+        return _Lines(self.a[rows], self.asked)
+
+    def at(self, q: NDArray[np.float64], t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        F, J = self.at_runs(q[None])
+        return F[0], J[0]
+
+    def step(self, q: NDArray[np.float64], dq: NDArray[np.float64]) -> NDArray[np.float64]:
+        return q + dq
+
+
+def test_newtons_of_many_ask_for_those_alone_that_are_not_there() -> None:
+    """A run ends as it does alone and by ``newton``, whoever is beside it, and one that never closes costs the others
+    nothing."""
+    rng = np.random.default_rng(0)
+    a, q = rng.uniform(-1.0, 1.0, 400), rng.normal(size=(400, 2))
+    a[0] = 2.0  # beyond a quarter turn
+    asked: list[int] = []
+    ends, left = newton_of_many(_Lines(a, asked), q, range(2))
+    alone: list[int] = []
+    for k in range(len(q)):
+        end, own = newton_of_many(_Lines(a[k : k + 1], alone), q[k : k + 1], range(2))
+        np.testing.assert_array_equal(np.hstack([ends[k], left[k]]), np.hstack([end[0], own]))
+    assert left[0] > 0.4 and (left < 1e-12).mean() > 0.9
+    assert sum(asked) == len(alone) and asked[-1] < 10
+    for k in range(1, len(q)):
+        end, _ = newton(_Lines(a[k : k + 1], []), q[k], range(2))
+        np.testing.assert_allclose(ends[k], end, rtol=0.0, atol=1e-9)
+
+
+def test_numbers_of_some_runs_are_those_of_them_alone() -> None:
+    """Also where one run is left of many, and where parts are taken of parts, before and after steps are added."""
+    a = literal(2.0, "a")
+    recipe = Recipe(["a"])
+    values = np.linspace(1.0, 3.0, 7)
+    whole = ManyNumbers(recipe, {"a": values}, len(values))
+    part = whole.rows(np.array([5, 1, 1, 0]))
+    later = [f.sin(a) * a, a + 1.0]
+    for rows, own in (
+        (part, [5, 1, 1, 0]),
+        (part.rows(np.array([2])), [1]),
+        (whole.rows(np.array([6])), [6]),
+    ):
+        alone = [ManyNumbers(recipe, {"a": values[k : k + 1]}, 1).table(later)[0] for k in own]
+        np.testing.assert_array_equal(rows.table(later), alone)
+        assert rows.runs == len(own) and np.shape(rows.value(a)) == ((len(own),) if len(own) > 1 else ())
 
 
 # -- runs ---------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ followed sample by sample; one that ends before is left to the command.
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Sequence
 from functools import cached_property
@@ -143,6 +144,13 @@ class _RunConditions:
         groups = {"q": list(q.T), "v": list(v.T), "t": [self._times], "p": []}
         return self._numbers.evaluate(expressions, groups)
 
+    def part(self, rows: NDArray[np.intp]) -> _RunConditions:
+        """Return the conditions of some of the runs."""
+        own = copy.copy(self)
+        own._numbers, own._times = self._numbers.rows(rows), self._times[rows]
+        own._asked = [x[rows] for x in self._asked]
+        return own
+
     def cosines(self, q: Array) -> Array:
         """Return the cosines of the loops' attitudes (N, m)."""
         return self._evaluate(self._guided.cosines, q, np.zeros_like(q))
@@ -167,6 +175,9 @@ class _Loops:
     def at_runs(self, q: Array) -> tuple[Array, Array]:
         F, J = self._conditions.at_runs(q)
         return F[:, : len(self.sizes)], J[:, : len(self.sizes)]
+
+    def part(self, rows: NDArray[np.intp]) -> _Loops:
+        return _Loops(self._conditions.part(rows), len(self.sizes))
 
 
 class _Going:

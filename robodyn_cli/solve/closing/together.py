@@ -101,7 +101,7 @@ class ManyClosing:
         self.turning = [k for k in self.missing if not self.metres[k]]
         self.size: Any = self.evaluated("size", None)
 
-    def _of(self, rows: NDArray[np.intp]) -> ManyClosing:
+    def part(self, rows: NDArray[np.intp]) -> ManyClosing:
         """Return the loops of some of the runs, each as often as it is named."""
         own = self.sized(self.size[rows] if len(self.size) > 1 else self.size)
         own.numbers = self.numbers.rows(rows)
@@ -149,7 +149,7 @@ class ManyClosing:
         for steps in self.stages:
             left = np.flatnonzero(choice.full < 0.0)
             if len(left):
-                choice.put(left, self._of(left)._chosen(q[left], steps))
+                choice.put(left, self.part(left)._chosen(q[left], steps))
         eta, psi = self.at_runs(choice.q)
         v, sound = self.rates_of_closed(eta, psi, v)
         return choice.q, v, sound & choice.sound
@@ -157,7 +157,7 @@ class ManyClosing:
     def _chosen(self, q: Array, steps: Array) -> ChosenPose:
         """Return the choice among what the starts of one stage lead to."""
         count = len(steps)
-        every = self._of(np.repeat(np.arange(len(q)), count))
+        every = self.part(np.repeat(np.arange(len(q)), count))
         starts = np.repeat(q, count, axis=0) + every.lengths * np.tile(steps, (len(q), 1))
         ends = every._newton(every._newton(starts, self.missing), self.free)
         wrapped = self.wrapped(ends)

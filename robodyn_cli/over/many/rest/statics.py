@@ -170,6 +170,9 @@ class RunsAtRest:
         """Return F (N, m) and J (N, m, nv) of the loops and of what is held."""
         return self._conditions.lacking(self.evaluate("here", q), q, self.q[:, self._held])
 
+    def part(self, rows: NDArray[np.intp]) -> RunsAtRest:
+        return RunsAtRest(self.structure, self.numbers.rows(rows), self.q[rows], self.sound[rows])
+
     def jacobian(self, q: Array) -> Array:
         return self.at_runs(q)[1]
 
