@@ -366,7 +366,7 @@ def test_what_python_calls_takes_cached_code_at_once(tmp_path: Path, monkeypatch
 
 
 def test_the_stack_of_every_function_is_aligned_for_vectors() -> None:
-    from robodyn_cli.integrators.stepping.lanes import write_many
+    from robodyn_cli.integrators.stepping.many import write_many
 
     text = write_many()
     heads = [line for line in compiler.aligned(text).splitlines() if line.startswith("define")]

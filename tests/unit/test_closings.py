@@ -139,3 +139,21 @@ def test_bits_do_not_depend_on_threads_or_other_runs(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.outputs[key], two.outputs[key])
         np.testing.assert_array_equal(one.outputs[key][2:3], alone.outputs[key])
     np.testing.assert_array_equal(one.q_error, two.q_error)
+
+
+def test_samples_move_no_closing(tmp_path: Path) -> None:
+    """A sample within the step to an event makes that step be taken twice; the event is what was found before."""
+    tree, found = three_panels(), []
+    few = np.array([tree["robot"]["joints"][0]["spring"]["stiffness"], tree["robot"]["links"][1]["mass"]])
+    values, of = (
+        few * np.random.default_rng(1).uniform(0.9, 1.1, (40, 2)),
+        [f"locks.latch{k}.time" for k in range(3)],
+    )
+    for tree["simulate"]["samples"] in (2, 601, 2001):
+        runs = Mechanism(written(tree, tmp_path), KEYS[:2]).deploy_many(values, of=of)
+        assert runs.ok.all() and not runs.one_by_one.any()
+        assert max(errors.max() for errors in runs.errors.values()) < 1e-6
+        found.append(np.array(list(runs.outputs.values())))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other, found[0])
+    compare(written(tree, tmp_path), KEYS[:2], values[:2], OF, alone=False)

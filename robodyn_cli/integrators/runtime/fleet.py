@@ -28,7 +28,8 @@ from robodyn_cli.integrators.runtime.engine import (
 )
 from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options, stretches
-from robodyn_cli.integrators.stepping.lanes import JOB, MOST_FUNCTIONS, suits, write_lanes, write_many
+from robodyn_cli.integrators.stepping.lanes import suits, write_lanes
+from robodyn_cli.integrators.stepping.many import JOB, MOST_FUNCTIONS, write_many
 from robodyn_cli.kernels.compiler import CompiledModule, compile_module, machine
 from robodyn_cli.kernels.program import NUMBERS
 from robodyn_cli.record import record

@@ -20,8 +20,8 @@ from robodyn_cli.expr.many import CONSTANT, Decision, Recipe
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import load_places
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer
-from robodyn_cli.integrators.stepping.lanes import JOB, write_many
 from robodyn_cli.integrators.stepping.loop import write_run
+from robodyn_cli.integrators.stepping.many import JOB, write_many
 from robodyn_cli.integrators.stepping.stepper import Method
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.arrays import Array

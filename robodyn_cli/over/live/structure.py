@@ -12,7 +12,7 @@ from robodyn_cli.integration_methods import STIFF
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Location, Status
-from robodyn_cli.integrators.stepping.lanes import JOB
+from robodyn_cli.integrators.stepping.many import JOB
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.compiler import Target
 from robodyn_cli.kernels.program import make_program
