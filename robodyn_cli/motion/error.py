@@ -37,6 +37,9 @@ STEEP_TIGHTER = (
     20.0  # the same on steep slopes, where a tolerance little tighter leaves many steps as they are
 )
 HIGH_ORDER = 7
+TRUSTED = (
+    0.01  # of the time of a lock: where two integrations put it farther apart, it is not that of one event
+)
 
 Integers = NDArray[np.int64]
 Masks = NDArray[np.bool_]

@@ -95,10 +95,11 @@ def _with_responses(records: list[Any], run: Run, motion: RecordedMotion, watch:
 
 
 def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | None) -> MotionSummary:
-    """Return the summary of a motion with what its latches did, with errors by those of its second run."""
+    """Return the summary of a motion with what its latches did, with errors by those of its second run, and warnings
+    where that does otherwise."""
     if not run.motion.problem.latches:
         return summary
-    from robodyn_cli.motion.contact.latch_states import beside
+    from robodyn_cli.motion.contact.latch_states import beside, doubts
     from robodyn_cli.motion.contact.latches import Latches
 
     one, two = (
@@ -107,8 +108,9 @@ def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | N
     )
     if estimate is None or one is None or two is None:
         return summary
-    facts = one.facts(run.driver.time), two.facts(estimate.end)
-    return dataclasses.replace(summary, **beside(*facts, estimate.factor))
+    own, again = one.facts(run.driver.time), two.facts(estimate.end)
+    told: MotionSummary = warned(summary, doubts(own["locks"], again["locks"]))
+    return dataclasses.replace(told, **beside(own, again, estimate.factor))
 
 
 def _with_margins(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from robodyn_cli import Mechanism
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.results.result import Result
@@ -659,3 +660,29 @@ def test_a_latched_structure_with_redundant_rows_has_no_acceleration() -> None:
     load = -(3 * math.radians(20) + 4 * math.radians(20))
     np.testing.assert_allclose(result["latch_loads"][after, 0], load, rtol=1e-9)
     assert abs(result.summary["extremes"]["qdd.a"]["final"]) <= 1e-12
+
+
+def test_what_a_second_run_does_not_confirm_has_no_error(tmp_path: Path) -> None:
+    """A swing that turns where the latch is, and one that goes beyond it three seconds later: whether the first is
+    caught is for rounding to say."""
+    tree = panel(joint={"spring": {"stiffness": 1.0}}, torques={"hinge": "0.02*t*cos(1.69*t)"})
+    tree["initial"]["qd"] = {"hinge": 0.3}
+    tree["simulate"].update(integrator="dopri5", rtol=1e-5, atol=1e-5, duration=20)
+    catch, low, high = tree["deploy"]["latches"][0], 0.1, 0.4
+    for _ in range(60):
+        catch["at"] = 0.5 * (low + high)
+        summary = deployed(tree).summary
+        lock = summary["locks"]["catch"]
+        if "warnings" in summary:
+            break
+        assert lock["errors"]["time"] < 1e-2 * lock["time"]
+        low, high = (catch["at"], high) if lock["time"] < 2.0 else (low, catch["at"])
+    assert any("latch 'catch' closes at t = " in told for told in summary["warnings"])
+    assert set(lock["errors"].values()) == {None}
+    assert summary["lock"]["time_error"] is None and "not known" in summary["lock"]["time_error_method"]
+    assert set(summary["lock"]["errors"].values()) == {None}
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    many = Mechanism(path, ["simulate.duration"]).deploy_many([[20.0]], of=["locks.catch.time"])
+    assert many.time[0] == lock["time"] and many.one_by_one[0]
+    assert np.isnan([many.time_error[0], many.errors["locks.catch.time"][0]]).all()

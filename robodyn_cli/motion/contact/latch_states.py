@@ -21,6 +21,7 @@ from robodyn_cli.motion.contact.events import (
 )
 from robodyn_cli.motion.contact.payloads import Payloads
 from robodyn_cli.motion.contact.states import ContactStates
+from robodyn_cli.motion.error import TRUSTED
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
@@ -35,6 +36,7 @@ FALLS = 1e-300  # of the growth of a load: one that is zero from some instant on
 BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
 RESTARTED = 3.0  # times the errors of a motion, of figures at events
 SUMMED = 10.0  # times that, of a position that is a sum
+UNCONFIRMED = LatchLock(0)  # what a second run says of a closing that it has not
 
 
 class LatchStates(ContactStates):
@@ -252,17 +254,59 @@ def _both(lock: LatchLock, other: LatchLock | None) -> bool:
     return other is not None and lock.speed is not ABSENT and other.speed is not ABSENT
 
 
+def is_confirmed(lock: LatchLock, other: LatchLock | None) -> bool:
+    """Tell whether the last closing of a latch is that of a second run: it closes as often there, and about then."""
+    if other is None or lock.closings != other.closings:
+        return False
+    if lock.time is ABSENT or other.time is ABSENT:
+        return lock.time is other.time
+    return abs(other.time - lock.time) <= TRUSTED * lock.time
+
+
+def doubts(locks: Mapping[str, LatchLock], again: Mapping[str, LatchLock]) -> list[str]:
+    """Return warnings about latches whose closings a second run does not confirm."""
+    doubtful = []
+    for name in sorted({*locks, *again}):
+        one, other = locks.get(name), again.get(name)
+        if one is None or not is_confirmed(one, other):
+            times, others = _closes(one), _closes(other)
+            if one is not None and other is not None and one.closings == other.closings:
+                times, others = f"at t = {one.time:.4g} s", f"at {other.time:.4g} s"
+            doubtful.append(
+                f"latch {name!r} closes {times}, and {others} in a second, tighter integration: the motion is too "
+                "sensitive to say what it does"
+            )
+    return doubtful
+
+
+def _closes(lock: LatchLock | None) -> str:
+    count = 0 if lock is None else lock.closings
+    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
+
+
 def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Return ``locks`` and ``missed`` of a run with errors by those of a second one.
 
     Every closing is a fresh start of the steps, so that errors follow the order of a method less closely than along a
-    smooth motion. A speed that agrees by chance says no more than that of the latch that agrees least.
+    smooth motion. A speed that agrees by chance says no more than that of the latch that agrees least. What the second
+    run does not confirm has errors that are not known (None).
 
     Parameters
     ----------
     one, two : ``locks`` and ``missed`` of both. factor : times a difference is an error.
     """
-    locks, again = dict(one["locks"]), two["locks"]
+    locks = dict(one["locks"])
+    again = {
+        name: other if is_confirmed(lock, other) else UNCONFIRMED
+        for name, lock in locks.items()
+        for other in [two["locks"].get(name)]
+    }
+    missed = {
+        name: latch
+        if name in two["missed"]
+        else dataclasses.replace(latch, errors=MissedLatchErrors(None, None))
+        for name, latch in one["missed"].items()
+    }
     gaps = [
         abs(lock.speed - again[name].speed) for name, lock in locks.items() if _both(lock, again.get(name))
     ]
@@ -277,5 +321,5 @@ def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dic
             k: share * part * abs(figures[k]) for k, share in shares.items() if isinstance(figures[k], float)
         }
         locks[name] = dataclasses.replace(lock, errors=dataclasses.replace(lock.errors, **least))
-    own = {"locks": locks, "missed": one["missed"]}
-    return {key: with_others(own[key], [two[key]], RESTARTED * factor, (key, "LATCH")) for key in own}
+    own, others = {"locks": locks, "missed": missed}, {"locks": again, "missed": two["missed"]}
+    return {key: with_others(own[key], [others[key]], RESTARTED * factor, (key, "LATCH")) for key in own}

@@ -17,7 +17,15 @@ from robodyn_cli.integrators.runtime.fleet import Fleet, FleetLimits, Runs, Samp
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.conditioning import closing_steps
-from robodyn_cli.motion.error import Courses, First, difference, integrate_again, remainder, time_errors
+from robodyn_cli.motion.error import (
+    TRUSTED,
+    Courses,
+    First,
+    difference,
+    integrate_again,
+    remainder,
+    time_errors,
+)
 from robodyn_cli.motion.method import FAST_DECAYS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
@@ -35,7 +43,6 @@ from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.works.deploy.growth import rounding_at_lock
-from robodyn_cli.works.deploy.lock import TRUSTED
 
 SQUARINGS = 6  # of the Jacobian, whose norm bounds its eigenvalues
 

@@ -14,7 +14,7 @@ import numpy as np
 from robodyn_cli.errors import OF_STATUS, RobodynError
 from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.runtime.options import Grid, Options
-from robodyn_cli.motion.contact.latch_states import beside
+from robodyn_cli.motion.contact.latch_states import beside, doubts
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.error import Attempt, First, Masks, integrate_again, remainder
@@ -186,12 +186,12 @@ class LatchedRun:
 
     @staticmethod
     def in_compiled_code(closed: ClosedRuns, k: int, along: Sequence[float]) -> LatchedRun | None:
-        """Return run k of those in compiled code; None where the second one closes other latches."""
+        """Return run k of those in compiled code; None where the second one does not confirm it."""
         runs, second = closed.runs, closed.second
         own = closed.facts(runs, k)
         again = None if second is None else closed.facts(second, k)
-        if again is not None and again.locks.keys() != own.locks.keys():
-            return None
+        if again is not None and doubts(own.locks, again.locks):
+            return None  # too sensitive: the command says so
         counts = {name: float(getattr(runs, name)[k]) for name in ("steps", "rejected", "evaluations")}
         steps = math.nan if second is None else float(second.steps[k])
         motion, time, factor = closed.batch.structure.motion, float(runs.time[k]), float(closed.factor[k])
@@ -358,23 +358,21 @@ class _Runner:
 
     def _run(self, second_steps: int | None) -> LatchedRun | None:
         driver, latches, other = self.first, watcher_of(self.first.watchers), watcher_of(self.second.watchers)
-        factor = math.nan
+        own, second, factor = _facts_of(latches, driver.time), None, math.nan
         if second_steps is not None:
-            if {k: it.closings for k, it in latches.closings.items()} != {
-                k: it.closings for k, it in other.closings.items()
-            }:
+            second = _facts_of(other, self.second.time)
+            if doubts(own.locks, second.locks):
                 return None  # too sensitive: the command says so
             factor = float(remainder(self._begun, np.array([second_steps]))[0])
         if latches.warnings:
             return None
-        second = None if second_steps is None else _facts_of(other, self.second.time)
         counters = driver.counters
         until = self.motion.scene.deploy.until
         told = told_of(until, latches.names, [latches.names[k] for k in latches.closed])
         return LatchedRun(
             driver.time, driver.state, driver.parameters, vars(counters).copy(),
             math.nan if second_steps is None else float(second_steps), factor,
-            _facts_of(latches, driver.time), second, NOTHING_ALONG, *told,
+            own, second, NOTHING_ALONG, *told,
         )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from robodyn_cli.integration_methods import DEFAULT, METHODS
 from robodyn_cli.integrators.runtime.fleet import FEW, Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Location, Status
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.motion.error import First, Masks, remainder, time_errors
+from robodyn_cli.motion.error import TRUSTED, First, Masks, remainder, time_errors
 from robodyn_cli.motion.method import side_by_side
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
@@ -60,7 +60,6 @@ from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment, deploy
 from robodyn_cli.works.deploy.growth import rounding_at_lock
-from robodyn_cli.works.deploy.lock import TRUSTED
 
 SECOND_STEPS = "error_estimate.steps"
 COUNTERS = ("counters.steps", "counters.rejected", "counters.evaluations")

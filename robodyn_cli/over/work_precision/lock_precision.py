@@ -7,13 +7,13 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.error import TRUSTED
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.commands import locks as ends_by_lock
 from robodyn_cli.over.work_precision.entries import SECONDS, driver_of, tight_runs
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.stability import TimedRun
-from robodyn_cli.works.deploy.lock import TRUSTED
 from robodyn_cli.works.deploy.scan import DeadPoint, watcher_of
 
 AGREED = 1e-7  # relative agreement about the time of a lock, without which there is no reference

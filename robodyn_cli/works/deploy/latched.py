@@ -28,13 +28,15 @@ from robodyn_cli.summaries.deploy import (
     LockErrors,
     LockKeys,
 )
-from robodyn_cli.summaries.facts import ABSENT, Termination, warned
+from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.motion import FinalState, LatchLock, LatchLockErrors, MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.deploy.recording import first_overload, overload_text
 
 if TYPE_CHECKING:
     from robodyn_cli.results.hdf5.writer import ResultWriter
+
+UNCONFIRMED = "not known: a second, tighter integration does otherwise"
 
 
 def deploy_latched(
@@ -143,7 +145,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     for watcher in run.driver.watchers:
         watcher.add_to(result)
     summary, *others = motion_records(run, judgement, estimate)
-    summary = warned(with_latches_beside(summary, run, estimate), _doubts(run, estimate))
+    summary = with_latches_beside(summary, run, estimate)
     overload, motions = None, [recorded(run, estimate)] if scene.deploy.loads else []
     if failure is None:
         with watch.stage("reactions"):
@@ -170,24 +172,6 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     return result.unless(failure)
 
 
-def _doubts(run: Run, estimate: Estimate | None) -> list[str]:
-    """Return warnings about latches that the second integration does not confirm."""
-    if estimate is None or not estimate.watchers:
-        return []
-    one, other = ({w.names[k]: it.closings for k, it in w.closings.items()}
-                  for w in (watcher_of(run.driver.watchers), watcher_of(estimate.watchers)))  # fmt: skip
-    return [
-        f"latch {name!r} closes {_often(one.get(name, 0))}, and {_often(other.get(name, 0))} in a second, tighter "
-        "integration: the motion is too sensitive to say what it does"
-        for name in sorted({*one, *other})
-        if one.get(name, 0) != other.get(name, 0)
-    ]
-
-
-def _often(count: int) -> str:
-    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
-
-
 def told_of(until: str, names: Sequence[str], closed: Collection[str]) -> tuple[str, bool]:
     """Return why a run ended, in words, and whether what it waited for is closed.
 
@@ -209,6 +193,8 @@ def _lock(run: Run, summary: MotionSummary, estimate: Estimate | None) -> LockKe
     own = _lock_of(run.motion, watcher_of(run.driver.watchers), summary)
     if own is None or estimate is None or not estimate.watchers:
         return own
+    if own.time_error is None:
+        return dataclasses.replace(own, time_error_method=UNCONFIRMED, errors=LockErrors(None, None, None))
     other = _lock_of(run.motion, watcher_of(estimate.watchers), summary)
     if other is None or other.name != own.name:
         return own

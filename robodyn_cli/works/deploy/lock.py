@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.motion.error import TIME_ROUNDING, Attempt, First, integrate_again, remainder
+from robodyn_cli.motion.error import TIME_ROUNDING, TRUSTED, Attempt, First, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
@@ -41,8 +41,6 @@ from robodyn_cli.works.deploy.growth import (
     starts_beside,
 )
 from robodyn_cli.works.deploy.scan import Pose, Scan, ScanEnd, fired, scan
-
-TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
 
 @record
