@@ -69,6 +69,9 @@ class Constraints:
     @cached_property
     def rheonomic(self) -> tuple[int, ...]:
         """Rows that depend on time itself."""
+        # asked of all at once first: large mechanisms have hundreds, each of a long expression
+        if not any(symbol.value[1] == "t" for symbol in free_symbols(row.eta for row in self.rows)):
+            return self.prescribed
         return tuple(
             i
             for i, row in enumerate(self.rows)

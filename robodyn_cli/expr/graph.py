@@ -37,8 +37,9 @@ class Expr:
         """What a constant, a symbol or a table is beside its arguments; None of others."""
         return self.graph.values.get(self.index)
 
+    # two of three terms and factors are zeros of vectors and matrices: these are told without a further call
     def __add__(self, other: Scalar) -> Scalar:
-        return self.graph.add(self, other)
+        return self if type(other) is float and other == 0.0 else self.graph.add(self, other)
 
     def __sub__(self, other: Scalar) -> Scalar:
         return self.graph.sub(self, other)
@@ -47,7 +48,7 @@ class Expr:
         return self.graph.sub(other, self) if isinstance(other, (float, int)) else NotImplemented
 
     def __mul__(self, other: Scalar) -> Scalar:
-        return self.graph.mul(self, other)
+        return 0.0 if type(other) is float and other == 0.0 else self.graph.mul(self, other)
 
     __radd__, __rmul__ = __add__, __mul__
 

@@ -54,7 +54,10 @@ class Rounded:
         numbers = RoundedNumbers(runs, factors)
         with np.errstate(all="ignore"):
             columns = self.made(lambda group, position: _column(inputs[group], position), numbers, factors)
-        return np.stack([np.broadcast_to(x, shape) for x in columns], axis=-1)
+        out = np.empty((*shape, len(columns)))
+        for k, x in enumerate(columns):
+            out[..., k] = x
+        return out
 
     def made(
         self, symbol: Callable[[str, int], Any], numbers: RoundedNumbers, factors: Iterator[Any]

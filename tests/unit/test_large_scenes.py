@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tracemalloc
 from collections.abc import Iterator
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 
 from robodyn_cli import load_scene_text
 from robodyn_cli.algorithms import constraints as of_constraints
+from robodyn_cli.equations import constraints as of_rows
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr import fixed
 from robodyn_cli.expr.graph import Expr, Graph, reachable
@@ -122,3 +124,26 @@ def test_a_node_takes_few_bytes() -> None:
     assert used < 230
     # memory comes in pieces of 16 bytes, so a fifth entry would take two
     assert Expr.__basicsize__ <= 48
+
+
+def test_zeros_of_matrices_cost_no_operation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two of three factors and terms are such zeros: the graph is not asked what they give."""
+    graph, asked = Graph(), []
+    x: Any = graph.symbol("x", "q")
+    for name in ("add", "mul"):
+        own = getattr(Graph, name)
+        monkeypatch.setattr(Graph, name, lambda *args, own=own: asked.append(args) or own(*args))
+    assert (x * 0.0, 0.0 * x, x * -0.0) == (0.0, 0.0, 0.0)
+    assert x + 0.0 is x and 0.0 + x is x and not asked
+    assert x * 0 == 0.0 and x + 0 is x and len(asked) == 2
+
+
+def test_rows_that_depend_on_time_are_looked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, asked = windows(3), []
+    own = of_rows.free_symbols
+    monkeypatch.setattr(of_rows, "free_symbols", lambda given: asked.append(given) or own(given))
+    assert problem.constraints.rheonomic == () and len(asked) == 1
+    late = problem.constraints.rows[1]
+    late = dataclasses.replace(late, eta=late.eta + problem.t)
+    rows = (problem.constraints.rows[0], late, problem.constraints.rows[2])
+    assert dataclasses.replace(problem.constraints, rows=rows).rheonomic == (1,)
