@@ -235,7 +235,7 @@ class _Unrolled:
         self.operations = self.kernel.program.operations
 
     def __call__(self, q: Array, qd: Array, x: Array) -> Array:
-        return self.kernel(q=q, v=qd, **{self.group: x})["out"]
+        return self.kernel.evaluate(len(q), {"q": q, "v": qd, self.group: x})["out"]
 
 
 class _JointForces:
