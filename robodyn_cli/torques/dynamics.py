@@ -233,6 +233,8 @@ class _Unrolled:
         self.group = group
         self.kernel = SampleKernel({"out": list(entries)}, ("q", "v", group), eager=eager)
         self.operations = self.kernel.program.operations
+        if eager:
+            self.kernel.load()
 
     def __call__(self, q: Array, qd: Array, x: Array) -> Array:
         return self.kernel.evaluate(len(q), {"q": q, "v": qd, self.group: x})["out"]

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 import robodyn_cli
+from robodyn_cli import ForwardDynamics, InverseDynamics, load_scene
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.kernels import cache as cache_module
-from robodyn_cli.kernels import compiler
+from robodyn_cli.kernels import compiler, samples
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.version import digest_of
 
@@ -363,6 +364,22 @@ def test_what_python_calls_takes_cached_code_at_once(tmp_path: Path, monkeypatch
     assert "_compiled" not in vars(kernels[0]) and "_compiled" in vars(kernels[2])
     np.testing.assert_array_equal(plain, cold)
     np.testing.assert_allclose(warm, cold, rtol=1e-12)
+
+
+def test_functions_of_samples_are_ready_when_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their first call loads nothing; counts of a plan make none of their code."""
+    taken: list[str] = []
+    load = compiler.compile_module
+    monkeypatch.setattr(samples, "compile_module", lambda key, write: taken.append(key) or load(key, write))
+    scene = load_scene(Path(robodyn_cli.__file__).parents[1] / "configs" / "double_pendulum.yaml")
+    for kind in (InverseDynamics, ForwardDynamics):
+        function, before = kind(scene), len(taken)
+        assert before
+        function(*np.zeros((3, 100, 2)))
+        assert len(taken) == before
+        taken.clear()
+    InverseDynamics(scene, eager=False)
+    assert not taken
 
 
 def test_the_stack_of_every_function_is_aligned_for_vectors() -> None:

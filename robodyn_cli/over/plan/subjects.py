@@ -302,7 +302,7 @@ class InversePlan:
     def torques(self) -> InverseDynamics | None:
         """The torques as a function of samples, None where there is no such function."""
         with contextlib.suppress(CapabilityError):  # loops, loads in time
-            return InverseDynamics(self.problem)
+            return InverseDynamics(self.problem, eager=False)
         return None
 
     def outputs(self, problem: Problem) -> list[Scalar]:
