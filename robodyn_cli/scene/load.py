@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
@@ -183,6 +184,8 @@ class Family:
     SceneError : the scene as it stands is wrong.
     """
 
+    _positions: dict[str, float] | None = None  # in place of those that the scenes give
+
     def __init__(self, source: GivenScene, overrides: Overrides = ()) -> None:
         self.overrides = _texts(overrides)
         if isinstance(source, Scene):
@@ -222,7 +225,16 @@ class Family:
         ------
         SceneError : a value is not allowed, or a key does not exist.
         """
-        return examine_root(lambda includer: self.root, self.path, overrides).checked()
+        scene = examine_root(lambda includer: self.root, self.path, overrides).checked()
+        if self._positions is None:
+            return scene
+        return dataclasses.replace(scene, initial=dataclasses.replace(scene.initial, q=self._positions))
+
+    def starting_at(self, positions: dict[str, float]) -> Family:
+        """Return the family of the same scenes with other initial positions, by coordinate [rad or m]."""
+        family = copy.copy(self)
+        family._positions = positions
+        return family
 
 
 def examine_root(open_root: Callable[[Includer], Node], path: str, overrides: Sequence[str]) -> Examined:

@@ -259,10 +259,12 @@ class Making:
         judged = scene.drives or scene.motorisation is not None
         beside = VERDICT if judged and not self.command.judges else "" if plain else OTHER_KEYS
         left: list[int] = []
-        for structure, group in self.structures.groups(self.result.values[rows]):
+        q = self.asked.q
+        positions = None if q is None else dict(zip(self.result.q_names, q[rows].T))
+        for structure, group in self.structures.groups(self.result.values[rows], positions):
             here = rows[group]
             none = self.structures.unbuilt or OWN_EQUATIONS
-            why = none if structure is None else structure.obstacle or beside
+            why = none if structure is None else structure.obstacle or self._bound(structure) or beside
             own = (
                 here.tolist() if why or structure is None else self.command.make(structure, here, self.asked)
             )
@@ -270,6 +272,10 @@ class Making:
                 self.result.left[why or DOUBTFUL] = self.result.left.get(why or DOUBTFUL, 0) + len(own)
             left += own
         return np.array(sorted(left), dtype=np.int64)
+
+    def _bound(self, structure: Built) -> str:
+        """Return why runs are made one by one that are given their starts; nothing where none are."""
+        return structure.bound if self.asked.q is not None or self.asked.qd is not None else ""
 
     def one_by_one(self, rows: Rows) -> None:
         """Make these rows as the command does."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ class Built:
     tables : of all programs. witnesses : comparisons of numbers that were made while they were built.
     obstacle : why runs are made one by one all the same; nothing if they are not.
 
+    starts : whether the scene itself has a start; else runs have to be given theirs. bound : why runs that are given
+    other starts are made one by one; nothing if they are not.
     follows : whether its numbers follow from the keys, so that what is built elsewhere has to confirm them.
     """
 
@@ -38,6 +41,7 @@ class Built:
         self, keys: Sequence[Key], row: Array, tables: Tables, witnesses: Sequence[Witness], obstacle: str
     ) -> None:
         self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
+        self.starts, self.bound = True, ""
         self._varying = [(k, key) for k, key in enumerate(keys) if key.sort == NUMBER]
         self.follows = bool(self._varying)
         self.recipe = Recipe([key.place for _, key in self._varying])
@@ -129,6 +133,7 @@ def first_of(reasons: Mapping[str, bool]) -> str:
 
 
 Build = Callable[[Family, Sequence[Key], Array], Built]
+Positions = Mapping[str, Array]  # (N,) of each coordinate [rad or m]
 
 
 class Structures:
@@ -149,8 +154,12 @@ class Structures:
         self._found: dict[tuple[float, ...], list[Built]] = {}
         self.unbuilt = ""  # why nothing is built for rows of the last group without a structure
 
-    def groups(self, values: Array) -> Iterator[tuple[Built | None, NDArray[np.int64]]]:
+    def groups(
+        self, values: Array, positions: Positions | None = None
+    ) -> Iterator[tuple[Built | None, NDArray[np.int64]]]:
         """Yield rows of values (N, keys) in groups of one structure: it, and the numbers of its rows.
+
+        positions : that are given of each run, where the scene may have none.
 
         Rows without a structure, since nothing can be built with their values, or since what is built does not confirm
         the numbers of a structure that seems to fit, are to be run as scenes of their own.
@@ -159,11 +168,13 @@ class Structures:
             return
         patterns = self._patterns(values)
         if (patterns == patterns[0]).all():
-            yield from self._split(values, np.arange(len(values)), self._known(patterns[0]))
+            yield from self._split(values, np.arange(len(values)), self._known(patterns[0]), positions)
             return
         different, which = np.unique(patterns, axis=0, return_inverse=True)
         for k, pattern in enumerate(different):
-            yield from self._split(values, np.flatnonzero(which.ravel() == k), self._known(pattern))
+            yield from self._split(
+                values, np.flatnonzero(which.ravel() == k), self._known(pattern), positions
+            )
 
     def _known(self, pattern: Array) -> list[Built]:
         """Return the structures that rows of a pattern have had; of patterns those that came last are kept."""
@@ -180,14 +191,15 @@ class Structures:
         return np.where(special, values, np.inf)
 
     def _split(
-        self, values: Array, rows: NDArray[np.int64], known: list[Built]
+        self, values: Array, rows: NDArray[np.int64], known: list[Built], positions: Positions | None
     ) -> list[tuple[Built | None, NDArray[np.int64]]]:
         groups: list[tuple[Built | None, NDArray[np.int64]]] = []
         alone: list[int] = []
-        untried, self.unbuilt = list(known), ""
+        untried, self.unbuilt = [x for x in known if x.starts or positions is not None], ""
         while len(rows):
+            build = partial(self._build, start=_of_row(positions, rows[0]))
             try:
-                structure = untried.pop(0) if untried else self._build(values[rows[0]])
+                structure = untried.pop(0) if untried else build(values[rows[0]])
             except RobodynError as error:
                 self.unbuilt = f"equations for many runs cannot be built ({error.message})"
                 alone.append(int(rows[0]))
@@ -199,7 +211,7 @@ class Structures:
                 known.append(structure)
                 if not len(own):  # a comparison that is not decided by the numbers alone
                     own, fits[0] = rows[:1], True
-            sure = structure.confirmed(values[own], self._build)
+            sure = structure.confirmed(values[own], build)
             if sure.any():
                 groups.append((structure, own[sure]))
             alone += own[~sure].tolist()
@@ -208,5 +220,18 @@ class Structures:
             groups.append((None, np.array(alone, dtype=np.int64)))
         return groups
 
-    def _build(self, row: Array) -> Built:
-        return self._make(self.family, self.keys, row)
+    def _build(self, row: Array, start: dict[str, float] | None) -> Built:
+        try:
+            return self._make(self.family, self.keys, row)
+        except RobodynError:
+            if start is None:
+                raise
+        structure = self._make(self.family.starting_at(start), self.keys, row)
+        structure.starts = False
+        return structure
+
+
+def _of_row(positions: Positions | None, row: int) -> dict[str, float] | None:
+    """Return the positions of a run, None where they are not given or no numbers."""
+    own = {} if positions is None else {name: float(x[row]) for name, x in positions.items()}
+    return own if own and np.isfinite(list(own.values())).all() else None

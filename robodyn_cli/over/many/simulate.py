@@ -120,8 +120,6 @@ class MotionCommand(BatchCommand[Structure]):
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
 
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
-        if asked.q is not None and structure.motion.problem.control is not None:
-            return rows.tolist()  # a controller may hold where joints start
         own_q, own_qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
         batch = RunBatch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
         methods, calm = method_of(batch)

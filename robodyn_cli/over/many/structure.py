@@ -21,6 +21,7 @@ from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from robodyn_cli.observe.observe import Observer
 
 
+HOLDS = "a controller holds where the joints start, or begins there what it follows"
+LED = "a prescribed motion starts otherwise"
+TURNED = "loops with balls or free bodies are closed one by one"
 # numbers of a controller in which no function of time has a part
 TIMELESS = ("control.gains", "control.limit", "control.rate_limit", "control.sensors", "control.model")
 CLOCKS = ("control.period", "control.delay")
@@ -67,6 +71,14 @@ class Structure(Built):
             tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
         why = obstacle(self.motion, keys, command.follows_events) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
+        constraints, quasi = self.motion.problem.constraints, Manifold(self.motion.problem.model).quasi
+        self.bound = first_of(
+            {
+                HOLDS: _holds_start(self.motion),
+                LED: bool(constraints.rheonomic),
+                TURNED: bool(constraints.rows and quasi),
+            }
+        )
         # for another duration the motion that a controller follows may be another one
         self.follows |= self.motion.problem.control is not None and any(key.sort == OPTION for key in keys)
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
@@ -186,8 +198,7 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         "contact states begin and change in Python": not follows_events
         and (begins or bool(system.parameters)),
         **_of_samples(motion, keys),
-        "a controller holds where the joints start, or begins there what it follows": _holds_start(motion)
-        and any(key.sort == START and key.place.startswith("q.") for key in keys),
+        HOLDS: _holds_start(motion) and any(key.sort == START and key.place.startswith("q.") for key in keys),
         "states of a controller start otherwise": control is not None
         and any(key.place.startswith("control.state") for key in keys),
         f"steps have to end at times that formulas or tables give, which may be others with {listed(times)}": bool(
@@ -198,8 +209,7 @@ def obstacle(motion: Motion, keys: Sequence[Key], follows_events: bool = False) 
         ),
         "fixed steps end at times that formulas or tables give": bool(system.breakpoints)
         and motion.options.step is not None,
-        "a prescribed motion starts otherwise": bool(constraints.rheonomic)
-        and any(key.sort == START for key in keys),
+        LED: bool(constraints.rheonomic) and any(key.sort == START for key in keys),
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,
         "the run goes on from a stored one": motion.scene.initial.source is not None,
