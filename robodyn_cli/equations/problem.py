@@ -158,14 +158,14 @@ class Problem:
 
     def rigid_terms(self) -> dict[str, Vector]:
         """Return M a, C v and G separately: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
-        rest = zeros(self.model.nv)
-        terms = {
-            "inertia": self.newton_euler(rest, self.a, None),
-            "coriolis": self.newton_euler(self.v, rest, None),
-        }
-        if self.gravity is not None:
-            terms["gravity"] = self.newton_euler(rest, rest, self.gravity)
-        return terms
+        v, a, rest = self.v, self.a, zeros(self.model.nv)
+        terms = {"inertia": self.newton_euler(rest, a, None), "coriolis": self.newton_euler(v, rest, None)}
+        return terms if self.gravity is None else {**terms, "gravity": self.gravity_torques}
+
+    @cached_property
+    def gravity_torques(self) -> Vector:
+        """G (nv,), which holds the weight of the bodies."""
+        return self.newton_euler(zeros(self.model.nv), zeros(self.model.nv), self.gravity)
 
     # -- torques --------------------------------------------------------------------------------------
     @cached_property

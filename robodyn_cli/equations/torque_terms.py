@@ -19,13 +19,14 @@ from robodyn_cli.spatial.algebra import zeros
 Outputs = dict[str, list[Scalar]]
 
 
-def torque_terms(problem: Problem) -> Outputs:
+def torque_terms(problem: Problem, at_rest: bool = False) -> Outputs:
     """Return the parts of tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external, by name.
 
-    Inertia is always included; any other part that vanishes identically is left out. Friction has the exact sign of
-    the rate.
+    Inertia is always included, but at rest, where it is left out with M qdd + C qd; so is any other part that vanishes
+    identically. Friction has the exact sign of the rate.
     """
-    terms: Outputs = {name: list(term) for name, term in problem.rigid_terms().items()}
+    rigid = {"gravity": problem.gravity_torques} if at_rest else problem.rigid_terms()
+    terms: Outputs = {name: list(term) for name, term in rigid.items()}
     for name, term in problem.passive_forces(smooth=False).items():
         terms[name] = [-x for x in term]
     return {

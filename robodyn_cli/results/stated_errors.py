@@ -46,10 +46,15 @@ class Statement:
         units = set(units_of(result.variables[path]))
         return units.pop() if len(units) == 1 else self.unit
 
+    @property
+    def is_residual(self) -> bool:
+        """Whether the dataset that it bounds holds it sample by sample, and not a figure that is off by it."""
+        return self.key[0] == "constraint_residual"
+
     def by_unit(self, result: Result, value: float) -> dict[str, float]:
         """Return what a residual of rows in several units is in each of them, where the samples tell: they have the
         stated value, too."""
-        variable = result.variables.get(self.bounds)
+        variable = result.variables.get(self.bounds) if self.is_residual else None
         if variable is None or not variable.data.size or len(set(units_of(variable))) < 2:
             return {}
         largest: dict[str, float] = {}

@@ -136,6 +136,8 @@ class Hold:
         A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
         if not N.shape[2] or not columns:
             return Hold(psi, columns, N, None, loops, rank, 0, tolerance)
+        if not psi.shape[1]:  # each actuator holds its own joint
+            return Hold(psi, columns, N, np.swapaxes(A, 1, 2), loops, rank, len(columns), tolerance)
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         held = (s > RANK).sum(axis=1)
         commanded = int(held.max(initial=0))

@@ -67,7 +67,7 @@ def terms_at_rest(problem: Problem) -> dict[str, list[Scalar]]:
     ------
     SceneError : they depend on data that the scene does not give.
     """
-    terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
+    terms = torque_terms(problem, at_rest=True)
     refuse_unknown([x for term in terms.values() for x in term])
     return terms
 

@@ -199,6 +199,14 @@ def test_what_rows_lack_has_a_unit_for_each_kind() -> None:
     assert any(text.startswith("constraints off by") and text.endswith(" m") for text in errors(planar))
 
 
+def test_errors_of_joints_in_two_units_are_told_as_stated_and_not_how_far_they_move() -> None:
+    cart = simulate(load_scene(CONFIGS / "cart_pole_lqr.yaml", ["simulate.duration=1"]))
+    told = errors(cart, all_of_them=True)
+    for key, words in (("q_max", "largest error of q"), ("qd_max", "largest error of qd")):
+        value = rounded_up(cart.summary["error_estimate"][key])
+        assert sum(text.startswith(f"{words} {value:.2g} ") for text in told) == 1, told
+
+
 def test_multipliers_are_told_with_the_unit_of_their_row() -> None:
     for found in (at_rest("bennett", "statics.find=hold"), at_rest("slider_crank", "statics.find=hold")):
         (listed,) = [one for one in declared(found) if one.head[0] == "row"]

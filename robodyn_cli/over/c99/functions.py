@@ -197,9 +197,6 @@ def _function(meaning: str, takes: Sequence[str], **outputs: Output) -> CFunctio
 def _rigid(p: Problem) -> Iterator[Made]:
     tau = torque_units(p)
 
-    def gravity() -> Vector:
-        return p.rigid_terms().get("gravity", zeros(p.model.nv))
-
     yield (
         "mass_matrix",
         lambda: _function(
@@ -229,7 +226,7 @@ def _rigid(p: Problem) -> Iterator[Made]:
         lambda: _function(
             "Torques that hold the weight of the bodies.",
             ("q",),
-            G=Output(gravity(), "gravity torques", tau),
+            G=Output(p.gravity_torques, "gravity torques", tau),
         ),
     )
 

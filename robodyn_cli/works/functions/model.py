@@ -123,11 +123,7 @@ class ModelFunctions(ThreadSafe):
 
     def gravity(self, q: Any) -> Array:
         """Return G (T, nv) [N m or N]: the torques that hold the weight of the bodies, the gradient of its energy."""
-
-        def entries() -> Any:
-            return self._problem.rigid_terms().get("gravity", np.zeros(self._problem.model.nv))
-
-        return self._function("G", ("q",), entries)(q)["G"]
+        return self._function("G", ("q",), lambda: self._problem.gravity_torques)(q)["G"]
 
     @once
     def inverse_dynamics(self) -> InverseDynamics:
