@@ -60,17 +60,30 @@ class Band:
         )
         if NARROW * len(rows) > m * n:  # more entries than the widest band that pays has room for
             return None
-        row_order, column_order = _orders(m, n, rows, columns)
+        band = Band.in_order(rows, columns, np.arange(m), np.arange(n))
+        # no band is narrower than the fullest row and column: where the given one is not much wider, none is looked for
+        fullest = max(int(np.bincount(places).max(initial=0)) for places in (rows, columns))
+        if band.width > 2 * fullest:
+            band = Band.in_order(rows, columns, *_orders(m, n, rows, columns))
+        return band if NARROW * band.width <= min(m, n) else None
+
+    @staticmethod
+    def in_order(rows: Places, columns: Places, row_order: Places, column_order: Places) -> Band:
+        """Return the band of entries at rows and columns in an order."""
+        m, n = len(row_order), len(column_order)
         size = max(m, n)
         i, j = np.argsort(row_order)[rows] * size // m, np.argsort(column_order)[columns] * size // n
         lower, upper = (int(x.max(initial=0)) for x in (i - j, j - i))
-        if NARROW * (lower + upper + 1) > min(m, n):
-            return None
         return Band(size, rows, columns, j, upper + i - j, row_order, column_order, lower, upper)
+
+    @property
+    def width(self) -> int:
+        """The number of diagonals."""
+        return self.lower + self.upper + 1
 
     def stored(self, A: Array | Scattered, room: int = 0) -> Array:
         """Return matrices A (T, m, n) as LAPACK stores bands (T, n, diagonals), with room above the diagonals."""
-        out = np.zeros((len(A), self.size, room + self.lower + self.upper + 1))
+        out = np.zeros((len(A), self.size, room + self.width))
         entries = A.entries if isinstance(A, Scattered) else A[:, self.rows, self.columns]
         out[:, self.along, room + self.across] = entries
         return out

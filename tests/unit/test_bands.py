@@ -13,14 +13,20 @@ from robodyn_cli.solve import guided
 SHAPES = [(130, 130), (130, 131), (200, 150), (150, 200)]
 
 
-def banded(m: int, n: int, seed: int, samples: int = 3, lost: int = 0) -> np.ndarray:
-    """Return matrices with entries about the diagonal, rows and columns shuffled; lost : rows that repeat others."""
-    rng = np.random.default_rng(seed)
+def in_a_band(m: int, n: int, rng: np.random.Generator, samples: int = 3, lost: int = 0) -> np.ndarray:
+    """Return matrices with entries about the diagonal; lost : rows that repeat others."""
     A = np.zeros((samples, m, n))
     for i in range(m):
         first = min(max(int(i * n / m) - 1, 0), n - 3)
         A[:, i, first : first + 3] = rng.normal(size=(samples, 3))
     A[:, 1 : 1 + lost] = 2.0 * A[:, :1]
+    return A
+
+
+def banded(m: int, n: int, seed: int, samples: int = 3, lost: int = 0) -> np.ndarray:
+    """Return the same with rows and columns shuffled."""
+    rng = np.random.default_rng(seed)
+    A = in_a_band(m, n, rng, samples, lost)
     return A[:, rng.permutation(m)][:, :, rng.permutation(n)]
 
 
@@ -32,6 +38,19 @@ def test_singular_values_of_a_band_are_those_of_the_dense_matrix(shape, lost):
     dense = np.linalg.svd(A, compute_uv=False)
     np.testing.assert_allclose(bands.singular_values(A), dense, rtol=0, atol=1e-13 * dense.max())
     np.testing.assert_array_equal(bands.singular_values(A[0]), bands.singular_values(A)[0])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_an_order_that_is_narrow_as_given_is_taken(shape, monkeypatch):
+    A = in_a_band(*shape, np.random.default_rng(sum(shape)))
+    looked, own = [], bands._orders
+    monkeypatch.setattr(bands, "_orders", lambda *args: looked.append(args) or own(*args))
+    band = bands.Band.of(A)
+    assert band is not None and not looked and band.width <= 6
+    dense = np.linalg.svd(A, compute_uv=False)
+    np.testing.assert_allclose(bands.singular_values(A), dense, rtol=0, atol=1e-13 * dense.max())
+    shuffled = banded(*shape, seed=sum(shape))
+    assert bands.Band.of(shuffled).width < 12 and len(looked) == 1
 
 
 @pytest.mark.parametrize("seed", range(4))
