@@ -44,7 +44,7 @@ def draw_map(result: Result, shown: DrawnCurves, quantity: str, subtitle: str, s
     height = float(np.clip(ROW * len(shown.names), LOWEST, HIGHEST)) / len(groups)
     sheet = TimeSheet(
         result,
-        f"{subtitle}; {MEASURED[kind]}; each of {len(shown.names)} rows on its own scale, largest beside it",
+        f"{subtitle}; {MEASURED[kind]}; each of {len(shown.names)} rows on its own scale, largest sample beside it",
         shows=shows,
         nothing=shown.nothing,
         panels=len(groups),

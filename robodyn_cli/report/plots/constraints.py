@@ -8,15 +8,16 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import growth_times, loop_columns, sharing_note
+from robodyn_cli.report.cells import figure
 from robodyn_cli.report.curves import NOTHING, DrawnCurves, curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
-from robodyn_cli.report.numbers import error_number, labelled, number, times, unit
+from robodyn_cli.report.numbers import error_number, labelled, number, times, typeset, unit
 from robodyn_cli.report.plots.columns import draw_map
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height
 from robodyn_cli.results import result as wrenches
-from robodyn_cli.results.moments import lock_time
+from robodyn_cli.results.moments import lock, lock_time
 from robodyn_cli.results.result import Result, Variable, by_unit, column_names
 from robodyn_cli.spatial.algebra import Array
 
@@ -100,7 +101,7 @@ def singular_values(result: Result) -> Any:
             {"color": colour, "linestyle": dash, "linewidth": 1.8 if column == 0 else 0.9}
             for column in range(data.shape[1])
         ]
-        labels.append(f"{word}: smallest {number(-largest(-data))}")
+        labels.append(f"{word}: smallest sample {number(-largest(-data))}")
         smallest.append(len(columns) - data.shape[1])
     values = nothing_is_zero(np.column_stack(columns))
     sheet = TimeSheet(
@@ -178,12 +179,23 @@ def _norm(data: Array, columns: list[int], loops: list[int]) -> Array:
 
 
 def _subtitle(result: Result, norms: dict[str, Array]) -> str:
-    largest = []
-    for units, norm in norms.items():
-        top = where_largest(norm)
-        time = times([float(result.time[top])], 6)[0]
-        largest.append(f"{number(float(norm[top]), 6)} {unit(units)} at t = {time}")
-    return f"Lagrange multipliers; largest norm {', '.join(largest)}{sharing_note(result)}"
+    """Return the caption with the largest norm that the summary states, else with that of the samples."""
+    stated = lock(result).get("multipliers") or {}
+    if len(norms) == 1 and stated.get("largest_until_lock") is not None:
+        error = (stated.get("errors") or {}).get("largest_until_lock")
+        told = f"until the lock {_figure(stated['largest_until_lock'], error, *norms)}"
+    else:
+        tops = {units: where_largest(norm) for units, norm in norms.items()}
+        told = "of the samples " + ", ".join(
+            f"{number(float(norms[units][top]), 6)} {unit(units)} at t = {times([float(result.time[top])], 6)[0]}"
+            for units, top in tops.items()
+        )
+    return f"Lagrange multipliers; largest norm {told}{sharing_note(result)}"
+
+
+def _figure(value: float, error: float | None, units: str) -> str:
+    """Return a figure of the summary with its error, where that is known, and its unit."""
+    return f"{typeset(figure(value, error))} {unit(units)}"
 
 
 def _ends(drawn: DrawnCurves) -> tuple[float, float]:
@@ -250,11 +262,8 @@ def reactions(result: Result) -> Any:
     force = np.column_stack([magnitude(item, "f") for item in loads.values()])
     moment = np.column_stack([magnitude(item, "m") for item in loads.values()])
     names = list(loads)
-    at, worst = np.unravel_index(where_largest(force.ravel()), force.shape)
-    subtitle = (
-        f"Reactions in joints and closures; largest force {number(float(force[at, worst]), 5)} N in {names[worst]} "
-        f"at t = {times([float(result.time[at])], 5)[0]}{sharing_note(result)}"
-    )
+    largest_force = _largest_force(result, force, names)
+    subtitle = f"Reactions in joints and closures; largest force {largest_force}{sharing_note(result)}"
     forces = curves(force, names, ["N"] * len(names))
     if len(names) > style.MANY:
         return draw_map(result, forces, "force", subtitle, "reactions")
@@ -275,6 +284,19 @@ def reactions(result: Result) -> Any:
         ax.set_ylabel(label)
     sheet.finish(handles, names)
     return sheet.figure
+
+
+def _largest_force(result: Result, force: Array, names: list[str]) -> str:
+    """Return in words the largest of the forces that the summary states, else of the samples (T, n)."""
+    whole = result.summary.get("reactions"), result.summary.get("after_lock")
+    phases = [(one.get("largest") or {}) for one in whole if isinstance(one, dict)]
+    loads = [(name, one) for phase in phases for name, one in phase.items() if name in names]
+    if loads and {name for name, _ in loads} == set(names):
+        name, one = max(loads, key=lambda load: load[1]["peak_force"])
+        return f"{_figure(one['peak_force'], one['force_error'], 'N')} in {name}"
+    at, worst = np.unravel_index(where_largest(force.ravel()), force.shape)
+    value, time = number(float(force[at, worst]), 5), times([float(result.time[at])], 5)[0]
+    return f"of the samples {value} N in {names[worst]} at t = {time}"
 
 
 def _is_spread(part: DrawnCurves) -> bool:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
+from robodyn_cli.report.cells import figure
 from robodyn_cli.report.curves import DrawnCurves, curves, curves_of, fit_axis
 from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.lines import envelope, finite
 from robodyn_cli.report.looks import POINTS
-from robodyn_cli.report.numbers import error_number, labelled, load_label, number, position_word
+from robodyn_cli.report.numbers import error_number, labelled, load_label, number, position_word, typeset
 from robodyn_cli.report.plots.columns import time_plot
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height, unseen_note
@@ -119,9 +120,15 @@ GOOD = (40.0, 140.0)  # degrees, the usual bounds
 def transmission_angle(result: Result) -> Any:
     """The transmission angle over time, with the band in which a mechanism transmits well."""
     angle = np.degrees(finite(result["transmission_angle"]))
-    low, high = number(float(np.nanmin(angle)), 4), number(float(np.nanmax(angle)), 4)
+    stated = result.summary.get("transmission_angle")
+    if stated:
+        ends = [figure(stated[end], stated["errors"][end]) for end in ("smallest_deg", "largest_deg")]
+    else:
+        ends = [number(float(end), 4) for end in (np.nanmin(angle), np.nanmax(angle))]
     labels = ["transmission angle", "40 to 140 deg, where it is good"]
-    text = f"Transmission angle: from {low} to {high} deg"
+    text = (
+        f"Transmission angle{'' if stated else ' of the samples'}: from {' to '.join(map(typeset, ends))} deg"
+    )
     sheet = TimeSheet(result, text, "transmission_angle", labels=labels)
     handles = sheet.draw(sheet.ax, curves(angle[:, None], labels[:1], ["deg"]))
     band = sheet.ax.axhspan(*GOOD, color=style.GREY, alpha=0.12, zorder=0, linewidth=0)
@@ -149,7 +156,9 @@ def tracking(result: Result) -> Any:
     torque = curves_of(result, "control/torque")
     names, groups = list(error.names), _shown(error)
     labels = [
-        f"{names[k]}: error up to {error_number(error.top[k])} {units}" for units, ks in groups for k in ks
+        f"{names[k]}: error up to {_largest_error(result, names[k], error.top[k], units)}"
+        for units, ks in groups
+        for k in ks
     ]
     loads = torque.groups()
     panels = 2 * len(groups) + len(loads)
@@ -190,6 +199,14 @@ def tracking(result: Result) -> Any:
         _torques(axes.pop(0), result, torque, columns, own, units)
     sheet.finish(handles, labels)
     return sheet.figure
+
+
+def _largest_error(result: Result, name: str, at_samples: float, units: str) -> str:
+    """Return the largest tracking error that the summary states of a coordinate, else that of the samples."""
+    stated = ((result.summary.get("control") or {}).get("tracking") or {}).get(name)
+    if stated is None:
+        return f"{error_number(at_samples)} {units} at the samples"
+    return f"{error_number(stated['peak'] + (stated['errors']['peak'] or 0.0))} {units}"
 
 
 def _seen(result: Result) -> dict[str, tuple[Array, Array]]:

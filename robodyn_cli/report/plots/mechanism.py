@@ -173,7 +173,7 @@ def _subtitle_of_paths(
         gap = max(
             largest(np.linalg.norm(points[name] - finite(target), axis=1)) for name, target in targets.items()
         )
-        text += f"; largest distance from the target {error_number(gap)} m"
+        text += f"; largest distance of a sample from the target {error_number(gap)} m"
     return text
 
 

@@ -53,7 +53,7 @@ def torques(result: Result) -> Any:
     if few:
         lined = {k for _, columns in panels for k in columns if 0.0 < rms[k] <= np.nanmax(data[:, columns])}
         beside = ", thin line: root mean square" if lined else ""
-        subtitle = f"Actuator torques; dot: peak{beside}{note}"
+        subtitle = f"Actuator torques; dot: peak{beside}{_of_samples(result, names)}{note}"
         stated = [
             _stated(result, name, "peak_torque", data[at, k]) for k, (name, at) in enumerate(zip(names, peak))
         ]
@@ -98,6 +98,16 @@ def _stated(result: Result, name: str, key: str, at_samples: float) -> float:
     return float(np.copysign(stated, at_samples))
 
 
+def _of_samples(result: Result, names: list[str]) -> str:
+    """Return the part of a subtitle that says that the summary states no peaks; empty where it does."""
+    stated = result.summary.get("joints", {})
+    return (
+        ""
+        if len(result.time) == 1 or all("peak_torque" in stated.get(name, {}) for name in names)
+        else "; figures of the samples"
+    )
+
+
 def _largest_terms(result: Result) -> dict[str, float]:
     """Return the largest term of any torque by its unit: what rounding leaves where terms cancel is small beside it."""
     found: dict[str, float] = {}
@@ -138,7 +148,7 @@ def _worst(result: Result, names: list[str], data: Any, rms: Any, units: list[st
     peak = _stated(result, names[largest], "peak_torque", at_samples)
     return (
         f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units[largest]},"
-        f" peak {number(peak, 4)} {units[largest]}"
+        f" peak {number(peak, 4)} {units[largest]}{_of_samples(result, names)}"
     )
 
 
