@@ -53,19 +53,19 @@ def notes(result: Result) -> list[str]:
 
 def errors(result: Result, all_of_them: bool = False) -> list[str]:
     """Return the errors and residuals that a result states in words, each with its unit; the main ones, or all."""
-    unit_of = shown_units(result)
 
     def amounts(one: Stated) -> str:
-        unit = one.statement.unit_in(result)
-        unit = unit_of(".".join(one.statement.key)) or unit if " or " in unit else unit
-        parts = one.statement.by_unit(result, one.value) or {unit: one.value}
+        parts = one.statement.by_unit(result, one.value) or {unit_of_error(result, one): one.value}
         return ", ".join(f"{rounded_up(x):.2g}{spaced(u)}" for u, x in parts.items())
 
-    return [
-        f"{one.words} {amounts(one)}"
-        for one in stated(result.summary)
-        if one.statement.is_main or all_of_them
-    ]
+    told = (one for one in stated(result.summary) if one.statement.is_main or all_of_them)
+    return [f"{one.words} {amounts(one)}" for one in told]
+
+
+def unit_of_error(result: Result, one: Stated) -> str:
+    """Return the unit of an error that a result states; that of its joints where these have one."""
+    unit = one.statement.unit_in(result)
+    return shown_units(result)(".".join(one.statement.key)) or unit if " or " in unit else unit
 
 
 def _at(summary: Any, *keys: str) -> Any:

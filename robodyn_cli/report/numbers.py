@@ -115,6 +115,8 @@ def typeset(text: str) -> str:
 
 def stated_words(one: Stated, result: Result) -> str:
     """Return what the summary of a result states of an error in words, with its unit."""
-    own = one.statement.unit_in(result)
+    from robodyn_cli.report.figures import unit_of_error  # where an error is printed
+
+    own = unit_of_error(result, one)
     parts = one.words, error_number(one.value, 2), unit(own) if own != "1" else ""
     return " ".join(filter(None, parts))

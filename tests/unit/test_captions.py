@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.report import draw
+from robodyn_cli.report.figures import errors
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import chain_result, four_bar_result
 
@@ -95,3 +96,13 @@ def test_the_largest_tracking_error_is_that_of_the_summary(stated: bool) -> None
     said = words(result, "tracking")
     assert ("error up to 0.021 rad" in said) == stated
     assert ("rad at the samples" in said) != stated
+
+
+def test_pictures_name_the_unit_of_an_error_as_the_terminal_does() -> None:
+    result = loaded()
+    result.add("qd", result["q"], units="rad/s", names=result.variables["q"].names)
+    result.summary["error_estimate"] = {"state_max": 2e-9}
+    assert errors(result, all_of_them=True) == ["largest error of the state 2e-09 rad, rad/s"]
+    for name in ("multipliers", "reactions"):
+        assert "largest error of the state 2·10⁻⁹ rad, rad/s" in words(result, name)
+        assert " or " not in words(result, name)
