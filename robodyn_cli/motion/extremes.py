@@ -64,6 +64,7 @@ class CloseSamples:
 
     blocks : times, states and parameters. met : what changed at events. cuts : times [s] at which functions of time may
     jump, of which no side is known. ends : of the motion [s]; stopped : by an event. steps : how many it took.
+    sparse : whether these are too many to be looked into: nothing tells what is between the samples.
     """
 
     observer: Observer
@@ -73,6 +74,21 @@ class CloseSamples:
     ends: tuple[float, float]
     stopped: bool
     steps: int
+    sparse: bool
+
+    def at_samples(self, columns: Sequence[ChosenColumn]) -> dict[str, Extremes]:
+        """Return the extremes of columns at the samples by name, with errors that are not known."""
+        parts, final = self.pieces(columns)
+        t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+
+        def at(row: int, k: int) -> tuple[float, float, float, float]:
+            return float(y[row, k]), 0.0, float(t[row]), 0.0
+
+        low, high = y.argmin(axis=0), y.argmax(axis=0)
+        return {
+            column.name: _unsure(column.extremes(at(low[k], k), at(high[k], k), float(final[k])))
+            for k, column in enumerate(columns)
+        }
 
     def pieces(self, columns: Sequence[ChosenColumn]) -> tuple[list[Piece], Array]:
         """Return the smooth pieces of columns, and their values at the end (n,)."""
@@ -201,6 +217,11 @@ class RecordedMotion:
         return tuple(found)
 
     @property
+    def is_sparse(self) -> bool:
+        """Whether figures that have been asked for are those at samples, since the steps are too many."""
+        return "own" in vars(self) and self.own.sparse
+
+    @property
     def factor(self) -> float:
         """The part of the difference of the motion from the others that is its error."""
         return float(remainder(self.first, np.array([other.steps for other in self.others])).max())
@@ -210,6 +231,8 @@ class RecordedMotion:
         columns = chosen_columns(self.recorder, names)
         if not columns:
             return {}
+        if self.own.sparse:
+            return self.own.at_samples(columns)
         own = ColumnPeaks.of(self.own, columns)
         if not self.others:
             found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
@@ -326,7 +349,9 @@ class RecordedMotion:
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
         stopped = bool(met) and met[-1].time == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end
-        return CloseSamples(self.recorder.observer, blocks, met, self._cuts(run), ends, stopped, steps.count)
+        sparse = inside * stretches < FEWEST_IN_STEP * steps.count
+        cuts = self._cuts(run)
+        return CloseSamples(self.recorder.observer, blocks, met, cuts, ends, stopped, steps.count, sparse)
 
 
 def extremes_over(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:

@@ -23,6 +23,10 @@ NO_BOUND = (
     "a prescribed motion drives the mechanism into a dead point, where loads have no bound: there are no largest "
     "loads, figures of drives or margins; `simulate` with a duration that ends before it has them"
 )
+SPARSE = (
+    "the run has more steps than are looked into: extremes and largest loads are those at samples, without errors; "
+    "a shorter 'simulate.duration' has them"
+)
 BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has come again
 
 
@@ -56,6 +60,8 @@ def with_figures(
             extremes = extremes_over(motions, scene.outputs.extremes)
             found = RunExtremes.of(extremes, scene.simulate.fluctuation)
             summary, others = _with_loads_of_latches(summary, found), [*others, found]
+    if any(one.is_sparse for one in motions):
+        summary = warned(summary, [SPARSE])
     if responding:
         others = _with_responses(others, run, motions[0], watch)
     records = [summary, *others]

@@ -484,6 +484,35 @@ def test_rows_of_many_runs_and_sweeps_are_those_of_single_runs() -> None:
     assert not runs.one_by_one.any()
 
 
+def test_a_run_of_more_steps_than_are_looked_into_has_no_errors_between_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Polynomials through samples of many steps told -5 +- 3 m of a point that is half a metre from its joint."""
+    long = PENDULUM.replace("duration: 1.9", "duration: 400")
+    full = extremes(long, *NAMES, reactions=True)
+    monkeypatch.setattr("robodyn_cli.motion.extremes.MOST", 2**9)
+    scene = load_scene_text(long)
+    asked = dataclasses.replace(scene.outputs, extremes=NAMES, reactions=True)
+    summary = simulate(dataclasses.replace(scene, outputs=asked)).summary
+    assert any("more steps than are looked into" in text for text in summary["warnings"])
+    for name, own in summary["extremes"].items():
+        sure = full[name]
+        assert set(own["errors"].values()) == {None} and sure["errors"]["largest"] is not None
+        span = sure["largest"] - sure["smallest"]
+        for side in ("smallest", "largest"):
+            beyond = (own[side] - sure[side]) * (1.0 if side == "largest" else -1.0)
+            assert -0.05 * span <= beyond <= sure["errors"][side] + 1e-9 * span, (name, side)
+    load = summary["reactions"]["largest"]["swing"]
+    assert (
+        load["force_error"] is None
+        and 0.9 < load["peak_force"] / full["reactions/swing.force"]["largest"] <= 1.0
+    )
+    runs = Mechanism(load_scene_text(long), ["initial.q.swing"]).simulate_many(
+        [[2.0]], of=["extremes.q.swing.largest"]
+    )
+    assert np.isnan(runs.errors["extremes.q.swing.largest"][0])
+
+
 def test_validate_tells_of_a_dead_point_into_which_a_mechanism_is_driven() -> None:
     """As the command does; a motion that ends before it has extremes, and so has one that loads drive."""
     from robodyn_cli.over.commands import check
