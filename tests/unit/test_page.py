@@ -226,7 +226,7 @@ def test_notes_of_a_figure_are_sentences_of_its_caption() -> None:
     plot = str(plot_of(result, "joint_angles", Store()))
     assert f'<p class="caption">{said[1]}</p>' in plot
     plot = str(plot_of(inverse_result(), "torques", Store()))
-    assert "thin line: root mean square. No error is stated for this</p>" in plot
+    assert "thin line: root mean square; figures of the samples. No error is stated for this</p>" in plot
 
 
 def test_dashes_tell_lines_apart_as_in_the_figure() -> None:

@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli import simulate
 from robodyn_cli.over.commands import functions
 from robodyn_cli.report import draw
+from robodyn_cli.report.drawing.build import make_drawing, paths_of
+from robodyn_cli.report.drawing.camera import View, default_camera
+from robodyn_cli.report.drawing.strokes import TRAIL, strokes
 from robodyn_cli.report.figures import alarms
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.overlay import draw_over
@@ -196,3 +200,22 @@ def test_branches_that_look_the_same_share_a_picture() -> None:
                      for flip in ("flip", "no flip")}  # fmt: skip
     (note,) = [text.get_text() for text in figure.texts if "share a picture" in text.get_text()]
     assert note.startswith("8 branches")
+
+
+def test_paths_are_dots_where_joint_angles_are() -> None:
+    """A pendulum that swings more than once between two samples: rates fit lines by chance here and there."""
+    far = ["simulate.error_estimate=false", "simulate.samples=201", "simulate.duration=500"]
+    near = [*far[:2], "simulate.duration=5"]
+    for changes, sparse in ((far, True), (near, False)):
+        result = simulate(load_scene(CONFIGS / "double_pendulum.yaml", changes))
+        assert too_far_apart(result, "q").any(axis=1).all() == sparse
+        for name, (_, path) in paths_of(result).items():
+            joined = np.isfinite(path[1:]).all(axis=1) & np.isfinite(path[:-1]).all(axis=1)
+            assert joined.any() != sparse, name
+        view = View(drawing := make_drawing(result), default_camera(drawing))
+        trails = [stroke for stroke in strokes(view, 0) if stroke.layer == TRAIL]
+        dots = [stroke for stroke in trails if stroke.closed]
+        assert len(dots) == (len(result.time) * len(drawing.trails) if sparse else 0)
+        for name in ("mechanism", "tip_path"):
+            said = " ".join(text.get_text() for text in draw(result, name).texts)
+            assert ("dots where samples" in " ".join(said.split())) == sparse

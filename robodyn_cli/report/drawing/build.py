@@ -222,16 +222,23 @@ def _trails(result: Result, problem: Problem) -> tuple[Trail, ...]:
     trails = []
     looks = looks_of(result)
     for name, (times, path) in paths_of(result, problem).items():
-        known = np.isfinite(path).all(axis=1)
-        times, path = times[known], path[known]
-        keep = evenly(len(path), TRAIL)
-        trails.append(Trail(name, times[keep], path[keep], looks.colour(name, POINTS)))
+        trails.append(Trail(name, *thinned(times, path, TRAIL), looks.colour(name, POINTS)))
     for payload in problem.model.payloads:
         if f"flights/{payload.name}/time" in result:
             known = result[f"flights/{payload.name}/time"]
             times = np.linspace(known[0], known[-1], FLOWN)
             trails.append(Trail(payload.name, times, flown(result, payload.name, times), OF_PAYLOADS, True))
     return tuple(trails)
+
+
+def thinned(times: Array, path: Array, most: int) -> tuple[Array, Array]:
+    """Return ``most`` places (K, 3) of a path at most with their times (K,), and one nan between stretches of it."""
+    known = np.isfinite(path).all(axis=1)
+    kept = np.flatnonzero(known)[evenly(int(known.sum()), most)]
+    behind = np.flatnonzero(np.diff(np.cumsum(~known)[kept])) + 1
+    return np.insert(times[kept], behind, times[kept[behind - 1]]), np.insert(
+        path[kept], behind, np.nan, axis=0
+    )
 
 
 def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[Array, Array]]:

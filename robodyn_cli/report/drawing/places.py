@@ -25,6 +25,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report.drawing.record import Arrow, Drawing, Trail
 from robodyn_cli.report.lines import finite
 from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.sampling import too_far_apart
 from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, zeros
 
 KNOWN = ("t", "q", "v")  # groups of symbols that a result has values of
@@ -197,8 +198,9 @@ def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | No
     """Return times (K,) and positions (K, nq) at samples and between them, on the cubic polynomials that have the rates
     there, too; None where samples are near enough, or too few.
 
-    Positions go straight where something happened on the way, and are nan there where rates do not fit them: samples
-    are too far apart. Where that is so of attitudes alone, they have nothing between samples.
+    Positions go straight where something happened on the way, and are nan there where rates do not fit them, or where
+    plots of the positions draw dots: samples are too far apart. Where that is so of attitudes alone, there is one nan
+    between samples.
     """
     t, q, model = result.time, result["q"], problem.model
     qd = result["qd"] if "qd" in result else np.zeros((0, 0))
@@ -220,7 +222,7 @@ def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | No
     strays = off.any(axis=1)
     happened = np.searchsorted(t, [float(event["time"]) for event in result.events]) - 1
     happened = happened[(happened >= 0) & (happened < len(strays))]
-    unknown = strays & ~np.isin(np.arange(len(strays)), happened)
+    unknown = (strays | too_far_apart(result, "q").any(axis=1)) & ~np.isin(np.arange(len(strays)), happened)
     strays[happened] = True
     first, last = (np.where(strays[:, None], way, x)[:, None] for x in (first, last))
     s = (np.arange(pieces) / pieces)[None, :, None]
@@ -230,7 +232,7 @@ def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | No
     for four in attitudes:
         x[:, :, four] /= np.linalg.norm(x[:, :, four], axis=2)[:, :, None]
     x[unknown, 1:] = np.nan
-    kept = (s[0, :, 0] == 0.0) | known[:, None]
+    kept = (s[0, :, 0] == 0.0) | known[:, None] | (np.arange(pieces) == 1) & unknown[:, None]
     return np.append((t[:-1, None] + s[0, :, 0] * h)[kept], t[-1]), np.vstack([x[kept], q[-1:]])
 
 

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from robodyn_cli.report.curves import alone
 from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
 from robodyn_cli.report.drawing.record import FAINT, INK, PAPER, DrawnLatch, DrawnPart, Stroke, body, mixed
@@ -21,6 +22,7 @@ FULL = 4.0  # width of links [pt] below which springs and dampers are smaller to
 LAMP = np.array([-0.36, 0.64, 0.68])  # where light comes from: right, up, towards the eye
 EDGEWISE = 1e-3  # area of an outline over the square of its extent, below which a plate is seen from its side
 SHADES = 24
+DOT = 1.0  # radius of a sample of a path without a line to its neighbours [pt]
 PALER = {
     "solid": 0.75,
     "shape": 0.62,
@@ -206,13 +208,16 @@ def _shadows(view: View, k: int) -> list[Stroke]:
 
 
 def _trails(view: View, k: int) -> list[Stroke]:
-    """Return the paths of points: faint as a whole, and in colour as far as they have come."""
+    """Return the paths of points: faint as a whole, and in colour as far as they have come; dots where samples are too
+    far apart to show more."""
     drawn = []
     now = view.drawing.times[k]
     for trail in view.drawing.trails:
         path = view.project(trail.points, k)[:, :2]
         faint = mixed(trail.colour, PAPER, 0.65)
         drawn.append(Stroke(path, faint, 0.9, layer=TRAIL, depth=0.0))
+        dots = (symbols.circle(place, DOT * view.pt) for place in path[alone(~np.isnan(path[:, 0]))])
+        drawn += [Stroke(dot, faint, 0.5, faint, True, TRAIL) for dot in dots]
         passed = path[trail.times <= now]
         if len(passed) > 1:
             drawn.append(Stroke(passed, trail.colour, 1.3, layer=TRAIL, depth=1.0))

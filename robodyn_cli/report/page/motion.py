@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.drawing.bodies import TracedBody, traced_bodies
-from robodyn_cli.report.drawing.build import make_drawing
+from robodyn_cli.report.drawing.build import make_drawing, thinned
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.places import nearest
 from robodyn_cli.report.drawing.record import Drawing, DrawnLatch, DrawnPart, Trail
@@ -151,12 +151,8 @@ def _latch(latch: DrawnLatch) -> dict[str, Any]:
 
 
 def _trail(trail: Trail, most: int, arrays: Arrays) -> dict[str, Any]:
-    keep = evenly(len(trail.times), most)
-    return {
-        **_fields(trail),
-        "times": arrays.put(trail.times[keep], double=True),
-        "points": arrays.put(trail.points[keep]),
-    }
+    times, points = thinned(trail.times, trail.points, most)
+    return {**_fields(trail), "times": arrays.put(times, double=True), "points": arrays.put(points)}
 
 
 def _view(view: View) -> dict[str, Any]:

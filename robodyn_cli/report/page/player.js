@@ -92,7 +92,8 @@ class View {
       let d = "", pen = "M";
       const ends = kept.map((k) => {
         const there = isPlace(points[k]);
-        if (there) d += `${pen}${round(points[k][0])} ${round(points[k][1])}`;
+        // a stretch begins with a dot, for those that are one place
+        if (there) d += `${pen}${round(points[k][0])} ${round(points[k][1])}${pen === "M" ? "h0" : ""}`;
         pen = there ? "L" : "M";
         return d.length;
       });

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,8 @@ def _at_instants(result: Result, around: bool) -> Any:
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
     height = paper.height_of(view, panel_width())
     more = paper.room_below(views)
-    sheet = Sheet(result, _subtitle(view, len(chosen), bool(views)), labels=labels, height=height + more)
+    subtitle = _subtitle(view, len(chosen), bool(views)) + _dots_note(x.points for x in drawing.trails)
+    sheet = Sheet(result, subtitle, labels=labels, height=height + more)
     for one, below in zip(views, paper.axes_below(sheet, views)):
         paper.put(below, one, len(chosen) - 1, _ghosts(one, 0.7), grid=False)
     ax = sheet.ax
@@ -96,6 +98,12 @@ def _subtitle(view: View, count: int, below: bool) -> str:
     return f"The mechanism {where} at {instants}{'; ' if told else ''}{told}"
 
 
+def _dots_note(paths: Iterable[Array]) -> str:
+    """Return the part of a subtitle that says what dots on paths (K, 3) are; empty where there are none."""
+    broken = any(np.isnan(path).any() for path in paths)
+    return "; dots where samples are too far apart to show more" if broken else ""
+
+
 def _shade(k: int, last: int) -> str:
     """Return the colour of a pose: black for the last."""
     return "#000000" if k == last else to_hex(colormaps["Blues"](0.25 + 0.6 * k / max(1, last)))
@@ -125,8 +133,7 @@ def tip_path(result: Result) -> Any:
     labels = [*drawn, *(["target"] if targets else []), "start"]
     height = paper.height_of(view, panel_width()) + paper.room_below(views)
     subtitle = _subtitle_of_paths(view, samples, targets, drawn)
-    if any(np.isnan(path).any() for path in shown.values()):
-        subtitle += "; dots where samples are too far apart to show more"
+    subtitle += _dots_note(shown.values())
     sheet = Sheet(result, subtitle, labels=labels, height=height)
     looks = looks_of(result)
     for one, ax in zip(views, paper.axes_below(sheet, views)):
