@@ -30,6 +30,7 @@ from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import ManyConditions, least_steps, newton, newton_of_many
+from robodyn_cli.works.reach import reach
 from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -269,6 +270,12 @@ def test_newtons_of_many_ask_for_those_alone_that_are_not_there() -> None:
     for k in range(1, len(q)):
         end, _ = newton(_Lines(a[k : k + 1], []), q[k], range(2))
         np.testing.assert_allclose(ends[k], end, rtol=0.0, atol=1e-9)
+
+
+def test_a_pose_that_is_off_by_rounding_is_no_failed_run() -> None:
+    scene = load_scene(next(CONFIGS.rglob("puma_reach.yaml")))
+    run = ended(lambda: reach(scene))
+    assert 0.0 < run.summary["error"] < 1e-12 and (run.code, run.reason) == (0, "")
 
 
 def test_numbers_of_some_runs_are_those_of_them_alone() -> None:

@@ -207,9 +207,11 @@ def ended(run: Callable[[], Result]) -> Ended:
 
 def _reason(summary: Mapping[str, Any], code: int) -> str:
     """Return why a run failed; nothing where it did not."""
-    error = summary.get("error")
-    if code == 0 or error:
-        return str(error["message"]) if error else ""
+    error = summary.get("error")  # of `reach` how far it is off
+    if isinstance(error, Mapping):
+        return str(error["message"])
+    if code == 0:
+        return ""
     small = summary["status"] == "undersized"
     return TOO_SMALL if small else str(summary["termination"]["reason"])
 
