@@ -138,7 +138,7 @@ class Console:
                 now, activity = time.monotonic(), doing()
                 shown = now - line.shown <= QUIET_SECONDS
                 if not line.on_terminal:
-                    parts = [text for text in (activity, line.reached if shown else "") if text]
+                    parts = [text for text in (activity, line.reached(activity) if shown else "") if text]
                     self.note(f"robodyn: after {now - start:.0f} s: {', '.join(parts) or 'still at it'}")
                 elif activity and not shown:
                     line.wait(activity, now - start)

@@ -24,7 +24,7 @@ class ProgressLine:
 
     def __init__(self, on_terminal: bool) -> None:
         self.on_terminal = on_terminal  # and one where a line can be written over
-        self.shown, self.reached = 0.0, ""
+        self.shown, self._reached, self._told = 0.0, "", ""  # when, how far, and of which pass
         self._width = 0
         self._pass, self._part, self._begun = "", 0.0, 0.0
         self._writing = threading.Lock()
@@ -40,20 +40,25 @@ class ProgressLine:
         gone = now - self._begun
         if left is None and 0.0 < part < 1.0 and gone > SOON:
             left = gone * (1.0 - part) / part
-        self.shown, self.reached = now, reached + ("" if left is None else f", {duration(left)} left")
+        self.shown, self._told = now, pass_of
+        self._reached = reached + ("" if left is None else f", {duration(left)} left")
         if self.on_terminal:
             self.write(self._with_bar(part))
 
     def _with_bar(self, part: float) -> str:
         """Return the line with a bar where there is room for one."""
         words = f"{self._pass}  " if self._pass else ""
-        room = min(LONGEST_BAR, columns() - len(words) - len(self.reached) - 4)
+        room = min(LONGEST_BAR, columns() - len(words) - len(self._reached) - 4)
         bar = f"[{'#' * round(room * part):<{room}}] " if room >= SHORTEST_BAR else ""
-        return f"{words}{bar}{self.reached}"
+        return f"{words}{bar}{self._reached}"
+
+    def reached(self, activity: str) -> str:
+        """Say how far an activity is; empty where the last that was told is how far another one was."""
+        return self._reached if self._told in ("", activity) else ""
 
     def wait(self, activity: str, gone: float) -> None:
         """Show that something is done that says nothing, gone : s since the command began."""
-        reached = f": {self.reached.partition(',')[0]}" if activity == self._pass else ""
+        reached = f": {self._reached.partition(',')[0]}" if activity == self._told else ""
         self.write(f"{activity}{reached} ... {gone:.0f} s")
 
     def write(self, text: str) -> None:

@@ -305,6 +305,20 @@ def test_where_there_is_no_terminal_a_line_a_minute_tells_how_far_it_is(
     assert all(line.startswith("robodyn: after ") for line in said[1:])
 
 
+def test_how_far_an_integration_was_is_not_told_of_what_follows_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(console, "LONG_SECONDS", 0.05)
+    monkeypatch.setattr(console, "LONGEST_SECONDS", 0.05)
+    shown, doing = console.Console(), ["integrate"]
+    with shown.waiting(lambda: doing[0]):
+        shown.progress(3, 8)
+        doing[0] = "write"
+        time.sleep(0.3)
+    told = [line for line in capsys.readouterr().err.splitlines() if ": write" in line]
+    assert told and all(line.endswith(": write") for line in told)
+
+
 class Screen:
     """A terminal on standard error, and a clock that this test moves on."""
 
@@ -370,7 +384,7 @@ def test_a_time_that_is_left(seconds: float, told: str) -> None:
 
 def test_a_terminal_that_writes_nothing_over_gets_lines(columns: pytest.MonkeyPatch) -> None:
     screen = Screen(columns, 80, TERM="dumb")
-    assert screen.steps((1.0, 2.0, "s")) == [""] and screen.console._line.reached == "50.0 %  t = 1 of 2 s"
+    assert screen.steps((1.0, 2.0, "s")) == [""] and screen.console._line.reached("") == "50.0 %  t = 1 of 2 s"
 
 
 def test_what_a_terminal_would_obey_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
