@@ -384,7 +384,9 @@ def test_a_time_that_is_left(seconds: float, told: str) -> None:
 
 def test_a_terminal_that_writes_nothing_over_gets_lines(columns: pytest.MonkeyPatch) -> None:
     screen = Screen(columns, 80, TERM="dumb")
-    assert screen.steps((1.0, 2.0, "s")) == [""] and screen.console._line.reached("") == "50.0 %  t = 1 of 2 s"
+    assert (
+        screen.steps((1.0, 2.0, "s")) == [""] and screen.console._line.reached("") == "50.0 %  t = 1 of 2 s"
+    )
 
 
 def test_what_a_terminal_would_obey_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
