@@ -147,17 +147,18 @@ def to_its_ends(t: Array, y: Array, begin: float, end: float) -> tuple[Array, Ar
 
 @record
 class ColumnPeaks:
-    """The peaks of columns in an integration, and their values at the end (n,)."""
+    """The peaks of columns in an integration from one time to another, and their values at the end (n,)."""
 
     columns: Sequence[ChosenColumn]
     windows: Windows
     final: Array
+    ends: tuple[float, float]
 
     @staticmethod
     def of(samples: CloseSamples, columns: Sequence[ChosenColumn]) -> ColumnPeaks:
         """Return the peaks between close samples."""
         parts, final = samples.pieces(columns)
-        return ColumnPeaks(columns, Windows(parts), final)
+        return ColumnPeaks(columns, Windows(parts), final, samples.ends)
 
     def extremes(self, k: int, low_doubt: float = 0.0, high_doubt: float = 0.0) -> Extremes:
         """Return the extremes of a column; doubts : how far its values may be off beside what is between samples."""
@@ -175,7 +176,11 @@ class ColumnPeaks:
         ]
         times = self.extremes(k, *doubts).errors
         covered = {
-            name: max(getattr(own.errors, name), getattr(times, name))
+            # it lies in the run
+            name: min(
+                max(getattr(own.errors, name), getattr(times, name)),
+                max(abs(end - getattr(own, name)) for end in self.ends),
+            )
             for name in ("smallest_time", "largest_time")
         }
         return dataclasses.replace(own, errors=dataclasses.replace(own.errors, **covered))

@@ -484,6 +484,14 @@ def test_rows_of_many_runs_and_sweeps_are_those_of_single_runs() -> None:
     assert not runs.one_by_one.any()
 
 
+def test_any_of_many_equal_swings_may_be_the_largest_but_none_beyond_the_run() -> None:
+    found = extremes(PENDULUM.replace("duration: 1.9", "duration: 60"), *NAMES, reactions=True)
+    for own in found.values():
+        for side in ("smallest_time", "largest_time"):
+            assert own["errors"][side] <= max(own[side], 60.0 - own[side])
+    assert any(own["errors"]["largest_time"] > 20.0 for own in found.values())
+
+
 def test_a_run_of_more_steps_than_are_looked_into_has_no_errors_between_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
