@@ -249,7 +249,14 @@ def _journal(
         from robodyn_cli.motion.going_on import Journal
         from robodyn_cli.results.output_dir import UNFINISHED_NAME
 
-        journal = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
+        journal = kept = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
+
+        def how_to_go_on(kind: type[BaseException] | None, *_: object) -> None:
+            if kind is KeyboardInterrupt and kept.has_blocks:
+                where = f"robodyn: {directory.path} keeps what has been computed"
+                console.note(f"{where}: the same command with --resume goes on from there")
+
+        stack.push(how_to_go_on)
     if job.resume and (journal is None or not journal.taken):
         console.note(f"robodyn: there is no unfinished run in {directory.path} to go on with; it starts anew")
     return journal

@@ -61,7 +61,8 @@ class JournalBlock:
 class Journal:
     """Context manager around the file of one run.
 
-    resume : whether to take over the blocks of an earlier run; ``taken`` tells whether there are any.
+    resume : whether to take over the blocks of an earlier run; ``taken`` tells whether there are any, ``has_blocks``
+    whether a later one may take over some.
 
     Raises
     ------
@@ -73,6 +74,7 @@ class Journal:
         self._head = {"scene": sha256(scene.text), "code": code_digest()}
         self._length = 0
         self.taken = resume and self._find(scene)
+        self.has_blocks = self.taken
         self._file: BinaryIO | None = None
 
     def _find(self, scene: Scene) -> bool:
@@ -130,6 +132,7 @@ class Journal:
         numbers = np.concatenate([t, x.ravel(), p]).astype(DOUBLE)
         with output_errors(self.path):
             self._write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
+        self.has_blocks = True
 
     def _write(self, data: bytes) -> None:
         assert self._file is not None

@@ -121,26 +121,46 @@ def test_ended_at_any_moment(command: str, kind: str, tmp_path: Path) -> None:
     assert again.code == 0 and files(out) == {"result.h5", "summary.json"}
 
 
-def test_a_long_run_that_was_killed_goes_on(tmp_path: Path) -> None:
-    """The samples of the blocks that were written are the same bits, the others the same to the tolerance."""
-    changes = ("--set", "simulate.samples=600001", "--set", "simulate.duration=6")
-    long = ["simulate", str(CONFIGS / "double_pendulum.yaml"), *changes, "--no-plots", "--no-error-estimate"]
-    assert invoke(*long, "--out", str(tmp_path / "whole")).code == 0
-    out = tmp_path / "out"
+LONG = (
+    *("simulate", str(CONFIGS / "double_pendulum.yaml"), "--set", "simulate.samples=600001"),
+    *("--set", "simulate.duration=6", "--no-plots", "--no-error-estimate"),
+)
+
+
+def half_way(out: Path) -> subprocess.Popen[str]:
+    """Begin a long run, and return when it has written some blocks of samples."""
     unfinished = out / UNFINISHED_NAME
     process = subprocess.Popen(
-        [sys.executable, "-c", BEGIN, *long, "--out", str(out)], env=environment(), stdout=subprocess.DEVNULL
-    )
+        [sys.executable, "-c", BEGIN, *LONG, "--out", str(out)], text=True, env=environment(),
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
     limit = time.monotonic() + 60
     while not unfinished.exists() or unfinished.stat().st_size < 3 * 65536 * 5 * 8:
         assert process.poll() is None and time.monotonic() < limit
         time.sleep(0.002)
+    return process
+
+
+def test_a_long_run_that_was_interrupted_says_how_it_goes_on(tmp_path: Path) -> None:
+    process = half_way(tmp_path)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130 and "the same command with --resume goes on from there" in said
+    again = invoke(*LONG, "--resume", "--out", str(tmp_path))
+    assert again.code == 0 and "anew" not in again.err
+
+
+def test_a_long_run_that_was_killed_goes_on(tmp_path: Path) -> None:
+    """The samples of the blocks that were written are the same bits, the others the same to the tolerance."""
+    assert invoke(*LONG, "--out", str(tmp_path / "whole")).code == 0
+    out = tmp_path / "out"
+    process = half_way(out)
     process.kill()
     process.wait()
     assert not (out / "result.h5").exists()
-    other = invoke(*long, "--set", "simulate.rtol=1e-9", "--resume", "--out", str(out))
+    other = invoke(*LONG, "--set", "simulate.rtol=1e-9", "--resume", "--out", str(out))
     assert other.code == 2 and "other settings" in other.err
-    again = invoke(*long, "--resume", "--out", str(out))
+    again = invoke(*LONG, "--resume", "--out", str(out))
     assert again.code == 0 and "anew" not in again.err
     assert files(out) == {"result.h5", "summary.json"}
     whole, rest = (read(folder / "result.h5") for folder in (tmp_path / "whole", out))
@@ -149,5 +169,5 @@ def test_a_long_run_that_was_killed_goes_on(tmp_path: Path) -> None:
         found, expected = rest.variables[name].data, whole.variables[name].data
         np.testing.assert_array_equal(found[:kept], expected[:kept])
         np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
-    nothing = invoke(*long, "--resume", "--out", str(out))
+    nothing = invoke(*LONG, "--resume", "--out", str(out))
     assert nothing.code == 0 and "anew" in nothing.err
