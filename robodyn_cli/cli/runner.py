@@ -252,7 +252,7 @@ def _journal(
         journal = kept = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
 
         def how_to_go_on(kind: type[BaseException] | None, *_: object) -> None:
-            if kind is KeyboardInterrupt and kept.has_blocks:
+            if kind is KeyboardInterrupt and not kept.is_empty:
                 where = f"robodyn: {directory.path} keeps what has been computed"
                 console.note(f"{where}: the same command with --resume goes on from there")
 

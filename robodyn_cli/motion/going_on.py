@@ -59,10 +59,9 @@ class JournalBlock:
 
 
 class Journal:
-    """Context manager around the file of one run.
+    """Context manager around the file of one run; ``is_empty`` until it has blocks.
 
-    resume : whether to take over the blocks of an earlier run; ``taken`` tells whether there are any, ``has_blocks``
-    whether a later one may take over some.
+    resume : whether to take over the blocks of an earlier run; ``taken`` tells whether there are any.
 
     Raises
     ------
@@ -74,12 +73,11 @@ class Journal:
         self._head = {"scene": sha256(scene.text), "code": code_digest()}
         self._length = 0
         self.taken = resume and self._find(scene)
-        self.has_blocks = self.taken
+        self.is_empty = not self.taken
         self._file: BinaryIO | None = None
 
     def _find(self, scene: Scene) -> bool:
         """Tell whether there are blocks of this run, and note how long the file is up to its last whole one."""
-        found = False
         if not self.path.exists():
             return False
         with output_errors(self.path), opened(self.path) as file:
@@ -88,12 +86,11 @@ class Journal:
                 raise SceneError(
                     f"the unfinished run in {self.path} is of another scene, other settings or other "
                     "code of robodyn; allowed: the same ones, or a run from the start, without --resume",
-                    (scene.path,),
-                    file=scene.path,
-                )
+                    (scene.path,), file=scene.path,
+                )  # fmt: skip
             for _ in _blocks(file):
-                self._length, found = file.tell(), True
-        return found
+                self._length = file.tell()
+        return self._length > 0
 
     def __enter__(self) -> Journal:
         with output_errors(self.path):
@@ -132,7 +129,7 @@ class Journal:
         numbers = np.concatenate([t, x.ravel(), p]).astype(DOUBLE)
         with output_errors(self.path):
             self._write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
-        self.has_blocks = True
+        self.is_empty = False
 
     def _write(self, data: bytes) -> None:
         assert self._file is not None

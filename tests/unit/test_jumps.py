@@ -78,6 +78,8 @@ def test_jumps_are_passed_however_slowly(method: str, speed: float, rtol: float)
     Where rounding puts x off by d, the push sets in d / speed too early or late, and the speed afterwards is off by push
     times that. Some ten roundings are spent, at 1e-10 rather the tolerance.
     """
+    if speed < 1e-2 and rtol < 1e-12:
+        pytest.skip("roundings of x times the push are more than the balance of energy allows there")
     off = 20.0 * PUSH * 1.1e-16 / speed * 2.0 + 20.0 * rtol
     for k in range(8):
         end, exact = pushed_back(method, rtol, speed, 0.5 + 0.00137 * k)

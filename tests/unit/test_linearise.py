@@ -15,6 +15,7 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.report.plots.linear import number_phases
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.works.linearise.linearise import slowest_first
 from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -247,6 +248,16 @@ def test_signals_of_the_controller_are_no_outputs() -> None:
     assert [s["name"] for s in linearise(scene, outputs=["power"]).summary["measured"]] == ["power"]
     with pytest.raises(SceneError, match="--output wanted: its formula needs ref.theta1 of the controller"):
         linearise(scene, outputs=["wanted"])
+
+
+def test_the_order_of_equally_fast_poles_is_no_matter_of_rounding() -> None:
+    rng = np.random.default_rng(0)
+    exact = np.array([0.0, -0.5 + 2.6j, -0.5 - 2.6j, 0.5 + 2.6j, 0.5 - 2.6j, -6.5, 6.5, 1e-9])
+    told = exact[slowest_first(exact)]
+    assert [x.real for x in told] == [0.0, 1e-9, -0.5, -0.5, 0.5, 0.5, -6.5, 6.5]
+    for _ in range(50):
+        poles = rng.permutation(exact * (1.0 + 1e-15 * rng.normal(size=len(exact))))
+        np.testing.assert_allclose(poles[slowest_first(poles)].real, told.real, rtol=1e-12, atol=1e-15)
 
 
 def test_instants_of_a_motion() -> None:

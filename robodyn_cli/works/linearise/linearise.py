@@ -44,7 +44,18 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 PARALLEL = 1e-6  # so little may the motions of a mode at 0 differ: its position and its rate have a pole each
+ALIKE = 1e-9  # relative difference of sizes up to which poles count as equally fast
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is not reached or shown at all
+
+
+def slowest_first(poles: Array) -> list[int]:
+    """Return the places of poles (n,) by their size; of equal ones, as s and -s, those that decay most come first."""
+    sizes = np.abs(poles)
+    order = np.argsort(sizes, kind="stable")
+    sizes = sizes[order]
+    group = np.cumsum(np.diff(sizes, prepend=sizes[:1]) > ALIKE * sizes)
+    places: list[int] = order[np.lexsort((poles[order].real, group))].tolist()
+    return places
 
 
 def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:
@@ -58,7 +69,7 @@ def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> lis
     poles = without_rounding(raw, errors)
     modes: list[Mode] = []
     free: list[tuple[int, Array]] = []  # modes at 0 by their place among those found
-    for k in sorted(range(len(poles)), key=lambda k: (abs(poles[k]), poles[k].real)):
+    for k in slowest_first(poles):
         s, motion = complex(poles[k]), dq @ vectors[: dq.shape[1], k]
         if s.imag < 0.0:
             continue
