@@ -521,6 +521,13 @@ def test_a_run_of_more_steps_than_are_looked_into_has_no_errors_between_samples(
     assert np.isnan(runs.errors["extremes.q.swing.largest"][0])
 
 
+def test_runs_of_which_none_comes_to_its_end_have_no_extremes() -> None:
+    scene = load_scene_text(PENDULUM, overrides=["simulate.max_steps=3"])
+    keys = ["extremes.q.swing.largest", "reactions.largest.swing.peak_force"]
+    runs = Mechanism(scene, ["initial.q.swing"]).simulate_many([[1.0], [2.0]], of=keys)
+    assert not runs.ok.any() and all(np.isnan(runs.outputs[key]).all() for key in keys)
+
+
 def test_validate_tells_of_a_dead_point_into_which_a_mechanism_is_driven() -> None:
     """As the command does; a motion that ends before it has extremes, and so has one that loads drive."""
     from robodyn_cli.over.commands import check

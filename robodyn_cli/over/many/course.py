@@ -330,7 +330,7 @@ def recordings(
     count = max(batch.structure.motion.scene.simulate.samples - 1, 1)
     step = batch.ends / count
     taken = np.array([Grid(0.0, h, count + 1).first_at(t) for h, t in zip(step, ended.times)])
-    runs = batch.sampled(method, ended.times, int(taken.max()), step)
+    runs = batch.sampled(method, ended.times, int(taken.max(initial=1)), step)
     for k, motion in enumerate(motions_of(batch, keys, method)):
         own = int(taken[k]) - 1
         states = np.vstack([batch.states[k], runs.out[k, :, :own].T, ended.states[k]])
