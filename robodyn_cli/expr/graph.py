@@ -110,6 +110,11 @@ class Graph:
         self._valued: dict[Any, Expr] = {}
         self.values: dict[int, Any] = {}  # by index
 
+    def clear(self) -> None:
+        """Let go of all nodes, which nobody needs any more: they hold the graph, and would wait for the collector."""
+        for nodes in (self.nodes, self._operations, self._valued, self.values):
+            nodes.clear()
+
     # -- leaves ---------------------------------------------------------------------------------------
     def constant(self, value: float) -> Expr:
         """Return the node of a constant (needed only as an argument of other nodes)."""

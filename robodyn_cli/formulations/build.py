@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import powers, total
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.formulations.events import EventFunction, EventKind, Passing
-from robodyn_cli.formulations.index1 import Formulation
+from robodyn_cli.formulations.index1 import Formulated, Formulation
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.system import Partition, System
 from robodyn_cli.kernels.crossover import prefer_rolled
@@ -47,11 +48,8 @@ def build_system(
     work : carry the work of actuators and damping as a further state, where there is any.
     expanded : give expressions in any case, for callers that analyse them.
     """
-    name = formulation_of(problem, stabilisation, expanded)
-    doers, z_rate = _work(problem) if work else ((), ())
-    if problem.control is not None:
-        z_rate = (*problem.control.rates, *z_rate)
-    formulated = FORMULATIONS[name](problem, z_rate, stabilisation)
+    doers, power = _work(problem) if work else ((), ())
+    formulated, z_rate = _formulated(problem, stabilisation, power, expanded)
     partition = formulated.partition or _row_combinations(problem)
     own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
     system = System(
@@ -82,6 +80,30 @@ def build_system(
 
     updates = Updates.of(problem.control, layout, problem.scene.simulate.duration)
     return dataclasses.replace(system, updates=updates)
+
+
+def expanded_rates(problem: Problem, stabilisation: str | Baumgarte) -> tuple[list[Scalar], list[Scalar]]:
+    """Return the rates of an expanded system, in the mechanism's symbols: of all states but work, and of work."""
+    _, power = _work(problem)
+    formulated, z_rate = _formulated(problem, stabilisation, power, expanded=True)
+    layout = Layout.of(problem.model, len(z_rate))
+    if layout is None:
+        rates = list(itertools.chain(*formulated.dynamics.expressions()))
+    else:
+        from robodyn_cli.formulations.quasi import rates_at
+
+        rates = rates_at(problem, formulated.dynamics, layout)[layout.ordinary :]
+    own = len(rates) - len(power)
+    return rates[:own], rates[own:]
+
+
+def _formulated(
+    problem: Problem, stabilisation: str | Baumgarte, power: Sequence[Scalar], expanded: bool
+) -> tuple[Formulated, Sequence[Scalar]]:
+    """Return the equations in the formulation that suits them, and the rates of the further states, work last."""
+    z_rate = power if problem.control is None else (*problem.control.rates, *power)
+    name = formulation_of(problem, stabilisation, expanded)
+    return FORMULATIONS[name](problem, z_rate, stabilisation), z_rate
 
 
 def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: bool = False) -> str:

@@ -11,14 +11,14 @@ import itertools
 from robodyn_cli.algorithms.kinematics import position_rates, slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import Expanded
+from robodyn_cli.formulations.dynamics import Dynamics, Expanded
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.system import Corrections, System
 
 
 def with_layout(problem: Problem, system: System, layout: Layout) -> System:
     """Return the system whose state lies as ``layout`` says; ``system`` is written in the mechanism's symbols."""
-    rates = _rates(problem, system, layout)
+    rates = rates_at(problem, system.dynamics, layout)
     normal = _normalisation(problem, layout)
     c, n = system.corrections, layout.ordinary
     parts = (
@@ -46,10 +46,10 @@ def with_layout(problem: Problem, system: System, layout: Layout) -> System:
     )
 
 
-def _rates(problem: Problem, system: System, layout: Layout) -> list[Scalar]:
+def rates_at(problem: Problem, dynamics: Dynamics, layout: Layout) -> list[Scalar]:
     """Return x-dot in the places of the layout, in the mechanism's symbols."""
     rates: list[Scalar] = [0.0] * layout.size
-    acceleration, z_rate = system.dynamics.expressions()
+    acceleration, z_rate = dynamics.expressions()
     position = position_rates(problem.model, problem.q, problem.v)
     for places, values in ((layout.q, position), (layout.v, acceleration), (layout.z, z_rate)):
         for place, x in zip(places, values):

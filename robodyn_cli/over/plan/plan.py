@@ -31,6 +31,7 @@ from robodyn_cli.over.plan.variants import Variant, general
 from robodyn_cli.registry import Registry
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import zeros
 from robodyn_cli.summaries.checks import Chosen, Kernel, LoopCosts, PlanReport
 from robodyn_cli.summaries.facts import ABSENT
 
@@ -169,13 +170,17 @@ def _count(subject: Subject, variant: Variant) -> int:
 
 def _general(subject: Subject, here: Variant) -> int:
     """Return the operations of code for any scene."""
-    return _count(subject, general(here.apart))
+    with here.apart() as own:
+        return _count(subject, general(own))
 
 
 def _acting(here: Variant) -> frozenset[str]:
     """Return which of the rigid bodies' terms load a joint in any pose."""
-    terms = here.apart.problem().rigid_terms()
-    return frozenset(name for name, term in terms.items() if any(map(is_nonzero, term)))
+    with here.apart() as own:
+        problem = own.problem()
+        coriolis = problem.newton_euler(problem.v, zeros(problem.model.nv), None)
+        terms = {"coriolis": coriolis, "gravity": problem.gravity_torques}
+        return frozenset(name for name, term in terms.items() if any(map(is_nonzero, term)))
 
 
 def _counted(everything: int) -> bool:
@@ -187,19 +192,20 @@ def _first(subject: Subject, here: Variant) -> tuple[int, dict[str, int], frozen
     """Return the operations of code for any scene, those of equations apart, and the terms that act, counted one after
     another, so that of a large scene one set of equations is there at a time."""
     everything = _general(subject, here)
-    small = _counted(everything)
-    _collect(small)
+    # a controller and its equations hold each other
+    held = here.scene.control is not None and not _counted(everything)
+    _collect(held)
     apart = subject.apart(here)
-    _collect(small)
+    _collect(held)
     acting = _acting(here)
-    _collect(small)
+    _collect(held)
     return everything, apart, acting
 
 
-def _collect(small: bool) -> None:
-    """Free equations that nobody needs any more, where they are not ``small``."""
+def _collect(held: bool) -> None:
+    """Free equations that nobody needs any more, where they are ``held`` by each other."""
     # arrays hide from the collector what they hold, and go in its first pass themselves
-    for _ in range(0 if small else 2):
+    for _ in range(2 if held else 0):
         gc.collect()
 
 

@@ -14,7 +14,7 @@ from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, count_operations, free_symbols
-from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.build import build_system, expanded_rates
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
@@ -81,19 +81,22 @@ class Forward:
         """Return what the command integrates."""
         return build_motion(integrable(scene), plan=True)
 
-    def outputs(self, problem: Problem, work: bool = True) -> list[Scalar]:
+    def outputs(self, problem: Problem) -> list[Scalar]:
         """Return the right-hand side that is integrated: accelerations and the work's rate."""
+        return [*itertools.chain(*self._rates(problem))]
+
+    def _rates(self, problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
+        """Return the rates of all states but the work, and that of the work where there is any."""
         wanted = problem.scene.simulate.stabilisation
         # projection is a program of its own; the accelerations are the same without it
-        return build_system(
-            problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True
-        ).rates
+        return expanded_rates(problem, "none" if wanted == PROJECTION else wanted)
 
     def apart(self, here: Variant) -> dict[str, int]:
         """Return the operations of the work integral, where nothing does work here: with a torque in each joint."""
         if self.system.work_done_by:
             return {}
-        return {WORK: self._of_work(general_drives(here.apart).problem())}
+        with here.apart() as own:
+            return {WORK: self._of_work(general_drives(own).problem())}
 
     def kernels(self) -> list[Kernel]:
         """Return the compiled programs: those of the stepping loop, then those of samples and events."""
@@ -222,8 +225,8 @@ class Forward:
         return Term(WORK, bool(doers), reason, work)
 
     def _of_work(self, problem: Problem) -> int:
-        work, without = (count_operations(self.outputs(problem, work)) for work in (True, False))
-        return work - without
+        rates, power = self._rates(problem)
+        return count_operations([*rates, *power]) - count_operations(rates)
 
     def _events(self) -> Iterator[Term]:
         """Yield the event functions of the system; those that differ by a number share an entry."""

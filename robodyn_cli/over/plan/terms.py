@@ -44,7 +44,7 @@ class PlanEquations:
     """The input of the terms: the equations as the command builds them, and ``here``, the same as a variant.
 
     idle : given data without effect. spare : data neither given nor needed. apart : operations of other equations, by
-    term. acting : which of ``rigid_terms`` act in any pose.
+    term. acting : which of ``coriolis`` and ``gravity`` load a joint in any pose.
     """
 
     here: Variant

@@ -8,8 +8,9 @@ symbol, so it cannot be folded.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +21,7 @@ from robodyn_cli.forces.friction import CoulombPair, Friction
 from robodyn_cli.forces.limits import JointStop, Limits
 from robodyn_cli.forces.springs import Damper, LinearSpring, Spring
 from robodyn_cli.loops.pairs import RevoluteLoop
+from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, Force, JointForce, Loop, Model
 from robodyn_cli.over.plan.plane import Plane
 from robodyn_cli.record import record
@@ -94,11 +96,14 @@ class Variant:
     def symbols(self) -> Symbols:
         return Symbols(self.model.graph)
 
-    @property
-    def apart(self) -> Variant:
-        """The variant in a graph of its own, which goes with what is built of it; with missing data in the model's, as
-        their symbols are there."""
-        return self if self.model.graph.nodes else self.with_model(graph=Graph())
+    @contextlib.contextmanager
+    def apart(self) -> Iterator[Variant]:
+        """Give the scene's equations, in which nothing is changed yet, in a graph of their own, empty afterwards."""
+        # symbols of missing data are of the model's graph
+        missing = bool(self.model.graph.nodes)
+        model = build_model(self.scene) if missing else dataclasses.replace(self.model, graph=Graph())
+        yield dataclasses.replace(self, model=model)
+        model.graph.clear()
 
     def problem(self) -> Problem:
         """Return the equations of this variant."""
