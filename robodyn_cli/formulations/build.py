@@ -48,8 +48,7 @@ def build_system(
     work : carry the work of actuators and damping as a further state, where there is any.
     expanded : give expressions in any case, for callers that analyse them.
     """
-    doers, power = _work(problem) if work else ((), ())
-    formulated, z_rate = _formulated(problem, stabilisation, power, expanded)
+    formulated, z_rate, doers = _formulated(problem, stabilisation, work, expanded)
     partition = formulated.partition or _row_combinations(problem)
     own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
     system = System(
@@ -84,8 +83,7 @@ def build_system(
 
 def expanded_rates(problem: Problem, stabilisation: str | Baumgarte) -> tuple[list[Scalar], list[Scalar]]:
     """Return the rates of an expanded system, in the mechanism's symbols: of all states but work, and of work."""
-    _, power = _work(problem)
-    formulated, z_rate = _formulated(problem, stabilisation, power, expanded=True)
+    formulated, z_rate, doers = _formulated(problem, stabilisation, work=True, expanded=True)
     layout = Layout.of(problem.model, len(z_rate))
     if layout is None:
         rates = list(itertools.chain(*formulated.dynamics.expressions()))
@@ -93,17 +91,8 @@ def expanded_rates(problem: Problem, stabilisation: str | Baumgarte) -> tuple[li
         from robodyn_cli.formulations.quasi import rates_at
 
         rates = rates_at(problem, formulated.dynamics, layout)[layout.ordinary :]
-    own = len(rates) - len(power)
+    own = len(rates) - bool(doers)
     return rates[:own], rates[own:]
-
-
-def _formulated(
-    problem: Problem, stabilisation: str | Baumgarte, power: Sequence[Scalar], expanded: bool
-) -> tuple[Formulated, Sequence[Scalar]]:
-    """Return the equations in the formulation that suits them, and the rates of the further states, work last."""
-    z_rate = power if problem.control is None else (*problem.control.rates, *power)
-    name = formulation_of(problem, stabilisation, expanded)
-    return FORMULATIONS[name](problem, z_rate, stabilisation), z_rate
 
 
 def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: bool = False) -> str:
@@ -113,16 +102,25 @@ def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: b
     return "baumgarte" if isinstance(stabilisation, Baumgarte) else stabilisation
 
 
-def _work(problem: Problem) -> tuple[tuple[str, ...], tuple[Scalar, ...]]:
-    """Return what does work or takes energy, but for gravity and springs, and its power; none where nothing does."""
-    by_name = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
-    if any(joint.stops for joint in problem.contact_joints):
-        by_name["impacts on rigid stops"] = 0.0  # they take energy at once
-    if problem.latches:
-        by_name["latches that close and open"] = 0.0  # they take energy at once
-    if problem.model.switched:
-        by_name["payloads, gripped and released"] = 0.0  # they bring and take energy at once
-    return tuple(by_name), (total(by_name.values()),) if by_name else ()
+def _formulated(
+    problem: Problem, stabilisation: str | Baumgarte, work: bool, expanded: bool
+) -> tuple[Formulated, tuple[Scalar, ...], tuple[str, ...]]:
+    """Return the equations as they are formulated, the rates of the further states, and what does work or takes energy,
+    but for gravity and springs; where anything does, its power is the last of the rates."""
+    by_name: dict[str, Scalar] = {}
+    if work:
+        by_name = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
+        # these bring or take energy at once
+        if any(joint.stops for joint in problem.contact_joints):
+            by_name["impacts on rigid stops"] = 0.0
+        if problem.latches:
+            by_name["latches that close and open"] = 0.0
+        if problem.model.switched:
+            by_name["payloads, gripped and released"] = 0.0
+    z_rate = () if problem.control is None else tuple(problem.control.rates)
+    z_rate += (total(by_name.values()),) if by_name else ()
+    name = formulation_of(problem, stabilisation, expanded)
+    return FORMULATIONS[name](problem, z_rate, stabilisation), z_rate, tuple(by_name)
 
 
 def is_rolled(problem: Problem) -> bool:
