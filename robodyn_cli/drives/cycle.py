@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,8 @@ from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
-from robodyn_cli.solve.extremes import largest, tops
-from robodyn_cli.solve.quadrature import integrate, stretches, summed
+from robodyn_cli.solve.extremes import largest_of_each, tops
+from robodyn_cli.solve.quadrature import integrate, pieces, summed
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -66,7 +66,7 @@ class Duty:
         """Return half as many samples of each uniform stretch: every second one, or, of an even number, those that lie
         on straight lines."""
         parts = []
-        for part in stretches(self.times):
+        for part in pieces(self.times):
             ends = self.times[part.first], self.times[part.first + part.samples - 1]
             parts.append(np.linspace(*ends, max((part.samples + 1) // 2, 2)).ravel())
         times = np.unique(np.concatenate(parts))
@@ -197,16 +197,7 @@ class Use:
         value, at = (x.reshape(part.shape[:-1]) for x in tops(samples.times, columns, samples.breaks))
         return Use(value, at) if part.ndim > 1 else Use(value, at, samples, part)
 
-    @cached_property
-    def errors(self) -> tuple[float, float]:
-        """The errors of the use and of its time, of one cycle; a search, which needs none, does not pay for them."""
-        if self.samples is None or self.used is None or self.at is None:
-            return 0.0, 0.0
-        top = largest(self.samples.times, self.used[:, None], self.samples.breaks)
-        part, at = abs(top.value[0] - self.part), abs(top.time[0] - self.at)
-        return float(top.error[0] + part), float(top.time_error[0] + at + self._rivals())
-
-    def _rivals(self) -> float:
+    def rivals(self) -> float:
         """Return how far from its time another peak is about as large: a motion that is integrated is known to some
         digits only, and either may be the largest."""
         assert self.samples is not None and self.used is not None and self.at is not None
@@ -216,6 +207,24 @@ class Use:
         others = [x for x in peaks if alike[x[0]] and not x[0] - 1 <= near <= x[-1] + 1]
         apart = [float(np.abs(times[x] - self.at).max()) for x in others]
         return float(max(apart, default=0.0))
+
+
+def errors_of(uses: Mapping[str, Use]) -> dict[str, tuple[float, float]]:
+    """Return the errors of uses of one cycle and of their times, by name, zero of means; a search, which needs none,
+    does not pay for them."""
+    found = dict.fromkeys(uses, (0.0, 0.0))
+    known = {
+        name: (use, use.samples, use.used[:, None])
+        for name, use in uses.items()
+        if use.samples is not None and use.used is not None
+    }
+    if known:
+        _, samples, _ = next(iter(known.values()))
+        tops_of = largest_of_each(samples.times, [used for *_, used in known.values()], samples.breaks)
+        for (name, (use, *_)), top in zip(known.items(), tops_of):
+            part, at = abs(top.value[0] - use.part), abs(top.time[0] - use.at)
+            found[name] = float(top.error[0] + part), float(top.time_error[0] + at + use.rivals())
+    return found
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:

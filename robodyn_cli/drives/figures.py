@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from robodyn_cli.drives.cycle import (
     MotorCycle,
     ShaftDuty,
     Use,
+    errors_of,
     motor_cycle,
     motor_limits,
     other_limits,
@@ -25,6 +26,7 @@ from robodyn_cli.solve.extremes import (
     integral,
     largest,
     largest_magnitude,
+    largest_of_each,
     positive_integral,
     root_mean_square,
 )
@@ -35,45 +37,51 @@ from robodyn_cli.summaries.drives import (
     Electrical,
     ElectricalErrors,
     Shaft,
+    ShaftErrors,
     Side,
+    SideErrors,
     UsedLimit,
     WindingTemperatures,
 )
 from robodyn_cli.summaries.facts import ABSENT, Absent
 
-AnySide = TypeVar("AnySide", bound=Side)
 
-
-def side_of(kind: type[AnySide], duty: Duty, torque: Array, speed: Array) -> AnySide:
-    """Return the figures of a joint or of a motor's shaft from torques and speeds (T,) in a duty cycle."""
+def sides_of(duty: Duty, cycle: MotorCycle) -> tuple[Side, Shaft]:
+    """Return the figures of a joint and of its motors' shafts in a duty cycle."""
+    torque = np.column_stack([duty.load, cycle.torque])
+    speed = np.column_stack([duty.speed, cycle.speed])
     power = torque * speed
-    peak = largest_magnitude(duty.times, np.column_stack([torque, speed]), duty.breaks)
-    most = largest(duty.times, np.column_stack([power, -power]), duty.breaks)
-    parts = np.column_stack([torque, -torque, power, -power])
-    (up, down, driving, braking), off = positive_integral(duty.times, parts, duty.breaks)
-    (rms,), (rms_off,) = root_mean_square(duty.times, torque[:, None], duty.breaks)
+    both = [x for y in (torque, speed, power) for x in (y, -y)]
+    most = largest_of_each(duty.times, both, duty.breaks)
+    peak, fastest = most[0].or_larger(most[1]), most[2].or_larger(most[3])
+    parts, off = positive_integral(duty.times, np.hstack(both[:2] + both[4:]), duty.breaks)
+    (up, down, driving, braking), off = parts.reshape(4, -1), off.reshape(4, -1)
+    rms, rms_off = root_mean_square(duty.times, torque, duty.breaks)
     duration = duty.times[-1] - duty.times[0]
-    errors = kind.ERRORS(
-        peak_torque=float(peak.error[0]),
-        peak_torque_time=float(peak.time_error[0]),
-        rms_torque=float(rms_off),
-        mean_torque=float((off[0] + off[1]) / duration),
-        peak_speed=float(peak.error[1]),
-        power=float(most.error.max()),
-        energy=float(off[2:].max()),
+    errors = {
+        "peak_torque": peak.error,
+        "peak_torque_time": peak.time_error,
+        "rms_torque": rms_off,
+        "mean_torque": (off[0] + off[1]) / duration,
+        "peak_speed": fastest.error,
+        "power": np.maximum(most[4].error, most[5].error),
+        "energy": off[2:].max(axis=0),
+    }
+    figures = {
+        "peak_torque": peak.value,
+        "peak_torque_time": peak.time,
+        "rms_torque": rms,
+        "mean_torque": (up + down) / duration,
+        "peak_speed": fastest.value,
+        "driving_power": np.maximum(0.0, most[4].value),
+        "braking_power": np.maximum(0.0, most[5].value),
+        "driving_energy": driving,
+        "braking_energy": braking,
+    }
+    (joint, shaft), (of_joint, of_shaft) = (
+        [{name: float(x[k]) for name, x in side.items()} for k in (0, 1)] for side in (figures, errors)
     )
-    return kind(
-        peak_torque=float(peak.value[0]),
-        peak_torque_time=float(peak.time[0]),
-        rms_torque=float(rms),
-        mean_torque=float((up + down) / duration),
-        peak_speed=float(peak.value[1]),
-        driving_power=max(0.0, float(most.value[0])),
-        braking_power=max(0.0, float(most.value[1])),
-        driving_energy=float(driving),
-        braking_energy=float(braking),
-        errors=errors,
-    )
+    return Side(**joint, errors=SideErrors(**of_joint)), Shaft(**shaft, errors=ShaftErrors(**of_shaft))
 
 
 def electrical_of(cycle: MotorCycle, duty: Duty) -> Electrical | Absent:
@@ -136,8 +144,9 @@ class Evaluated:
         decides, margin = self.decides, self.margin
         limits = {name: self._limit(name, use) for name, use in self.uses.items()}
         (loss,), (loss_off,) = integral(duty.times, self.lost[:, None], duty.breaks)
+        joint, shaft = sides_of(duty, cycle)
         ratio, ratio_off = self._inertia_ratio()
-        wind_up, wind_up_off = self._wind_up()
+        wind_up, wind_up_off = self._wind_up(joint)
         errors = DriveErrors(
             limits[decides].use_error, limits[decides].time_error, float(loss_off), ratio_off, wind_up_off
         )
@@ -156,8 +165,8 @@ class Evaluated:
             mass=float(train.mass),
             cost=float(train.cost),
             limits=limits,
-            joint=side_of(Side, duty, duty.load, duty.speed),
-            shaft=side_of(Shaft, duty, cycle.torque, cycle.speed),
+            joint=joint,
+            shaft=shaft,
             electrical=electrical_of(cycle, duty),
             winding=self._winding(),
             gear_loss=float(loss),
@@ -172,10 +181,15 @@ class Evaluated:
             },
         )
 
+    @cached_property
+    def errors(self) -> Mapping[str, tuple[float, float]]:
+        """The errors of how much of each limit is used, and of the times."""
+        return errors_of(self.uses)
+
     def use_error(self, name: str) -> float:
         """Return the error of the use of a limit; of one that no instant decides, or heat, by fewer samples."""
         use = self.uses[name]
-        error = use.errors[0]
+        error = self.errors[name][0]
         if use.samples is None or name == "winding":
             error = max(error, self.by_fewer(lambda x: x.uses[name].part))
         return error
@@ -185,7 +199,7 @@ class Evaluated:
         error = self.use_error(name)
         if use.at is None:
             return UsedLimit(float(use.part), error, ABSENT, ABSENT)
-        off = use.errors[1]
+        off = self.errors[name][1]
         if name == "winding":
             off = max(off, self.by_fewer(lambda x: x._time_of(name)))
         return UsedLimit(float(use.part), error, self._time_of(name), off)
@@ -217,14 +231,14 @@ class Evaluated:
         ends = largest(self.duty.times, np.column_stack([-ratio, ratio]), self.duty.breaks)
         return [-float(ends.value[0]), float(ends.value[1])], float(ends.error.max())
 
-    def _wind_up(self) -> tuple[float | Absent, float | Absent]:
+    def _wind_up(self, joint: Side) -> tuple[float | Absent, float | Absent | None]:
         """Return the largest angle or way by which the gears give way under the load, and its error."""
         gear = self.train.gear
         if gear is None or gear.stiffness is None:
             return ABSENT, ABSENT
         stiffness = gear.stiffness * self.train.drive.count
-        peak = largest_magnitude(self.duty.times, self.duty.load[:, None], self.duty.breaks)
-        return float(peak.value[0]) / stiffness, float(peak.error[0]) / stiffness
+        error = joint.errors.peak_torque
+        return joint.peak_torque / stiffness, None if error is None else error / stiffness
 
     @property
     def decides(self) -> str:

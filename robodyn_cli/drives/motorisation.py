@@ -35,12 +35,12 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.schema.fields import DRIVE
 from robodyn_cli.solve.crossings import crossing
 from robodyn_cli.solve.extremes import Extreme, smallest
-from robodyn_cli.solve.quadrature import spaced
+from robodyn_cli.solve.quadrature import gaps_between, spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_others
 from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
 from robodyn_cli.summaries.facts import ABSENT, JOINT
-from robodyn_cli.torques.checks import breaks_of_joint, settled
+from robodyn_cli.torques.checks import settled
 
 EXACT = 1e-12  # part of the torques by which rounding and the closure of loops put them off
 CONTROL, DRIVES = "control", "drives"  # what acts by no expression of the equations
@@ -64,9 +64,10 @@ def with_motorisation(
     margins = JointMargins.of(problem, moved, inertia)
     margins.add_to(result)
     figures = (margins if looked is None else JointMargins.of(problem, looked, inertia)).figures()
-    if again is not None:
-        others = [JointMargins.of(problem, other, inertia).figures() for other in again[0]]
-        grown = with_others(figures, others, again[1], ("motorisation", JOINT))
+    if again is not None or (looked is not None and looked.sparse):
+        runs, factor = again or ((), 0.0)
+        others = [JointMargins.of(problem, other, inertia).figures() for other in runs]
+        grown = with_others(figures, others, factor, ("motorisation", JOINT))
         figures = {name: _still_unknown(grown[name], one) for name, one in figures.items()}
     judge(result, all(one.met for one in figures.values()))
     return [*records, MotorisationKeys(figures)]
@@ -242,29 +243,32 @@ class JointMargins:
     def breaks(self) -> dict[str, tuple[float, ...]]:
         """Where torques jump or bend by kind of ratio, in steps from the first sample: friction where any joint turns
         back, and along a motion what motors and gears can give at corners of their envelope too."""
-        times, breaks, names = self.moved.times, self.moved.breaks, self.problem.model.v_names
-        rates = settled(self.moved.qd)
-        for v, a in zip(rates.T, self.moved.qdd.T):
-            breaks = breaks_of_joint(times, v, a, breaks)
-        found = {"static": breaks}
+        moved, names = self.moved, self.problem.model.v_names
+        rates = settled(moved.qd)
+        for v, a in zip(rates.T, moved.qdd.T):
+            moved = dataclasses.replace(moved, breaks=moved.breaks_of(v, a))
+        found = {"static": moved.breaks}
         for name, train in self.acts.trains.items():
-            v, a = (x[:, names.index(name)] for x in (rates, self.moved.qdd))
+            v, a = (x[:, names.index(name)] for x in (rates, moved.qdd))
             for corner in train.corners:
-                breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
-        return {**found, "dynamic": breaks}
+                breaks = moved.breaks_of(np.abs(v) - corner, np.sign(v) * a)
+                moved = dataclasses.replace(moved, breaks=breaks)
+        return {**found, "dynamic": moved.breaks}
 
     def _bends(self, kind: str, column: int) -> dict[float, float]:
         """Return where what resists a joint begins or ceases to, which bends the ratio: places in steps from the first
         sample, each with its error [s]."""
         times, sides = self.moved.times, self.sides[kind]
-        least, known = EXACT * sides.size[:, column].max(), {int(x) for x in self.breaks[kind]}
-        found = {}
+        least, jumps = EXACT * sides.size[:, column].max(), np.zeros(len(times), dtype=bool)
+        jumps[np.array(self.breaks[kind], dtype=int)] = True  # it jumps there
+        jumps[gaps_between(times)] = True
+        found: dict[float, float] = {}
         for y in sides.along[:, column].T:
             sign = np.where(np.abs(y) <= least, 0.0, np.sign(y))
-            for n in np.flatnonzero((sign[:-1] * sign[1:] < 0.0) & (np.diff(times) > 0.0)).tolist():
-                if n not in known:  # it jumps there
-                    part, off = crossing(times, y, n)
-                    found[n + part] = off * float(times[n + 1] - times[n])
+            passed = (sign[:-1] * sign[1:] < 0.0) & (np.diff(times) > 0.0) & ~jumps[:-1]
+            n = np.flatnonzero(passed)
+            part, off = crossing(times, y, n)
+            found |= zip((n + part).tolist(), (off * (times[n + 1] - times[n])).tolist())
         return found
 
     def _least(self, kind: str, column: int, k: int) -> tuple[Ratio, float]:
@@ -302,7 +306,9 @@ class JointMargins:
     def _interval(self, time: float, further: int = 0) -> int:
         """Return the interval between samples with a time, or one further on; both sides of a jump have none."""
         times = self.moved.times
-        long = np.flatnonzero(np.diff(times) > 0.0)
+        smooth = np.diff(times) > 0.0
+        smooth[gaps_between(times)] = False
+        long = np.flatnonzero(smooth)
         n = int(np.searchsorted(times[long], time, side="right")) - 1 + further
         return int(long[np.clip(n, 0, len(long) - 1)])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -57,9 +58,10 @@ def with_drives(
     Drives.of(scene, problem, Moved.of(result.__getitem__, breaks)).add_to(result)
     drives = Drives.of(scene, problem, moved)
     figures = drives.figures()
-    if again is not None:
-        accurate = [Drives.of(scene, problem, x).figures() for x in again[0]]
-        figures = with_others(figures, accurate, again[1], ("drives", JOINT))
+    if again is not None or moved.sparse:
+        runs, factor = again or ((), 0.0)
+        accurate = [Drives.of(scene, problem, run).figures() for run in runs]
+        figures = with_others(figures, accurate, factor, ("drives", JOINT))
     judge(result, all(one.passes for one in figures.values()))
     title = scene.catalogue.title or ABSENT
     return [warned(summary, list(_doubts(drives, figures))), *others, DriveKeys(figures, title)]
@@ -83,14 +85,15 @@ def _doubts(drives: Drives, figures: dict[str, DriveFigures]) -> Iterator[str]:
                 f"the winding of joint {name!r} comes to no steady state: its losses grow faster than the heat leaves; "
                 "what is told of it is with the resistance at its largest temperature, and too small"
             )
-        if abs(drive.margin - drive.least_margin) <= drive.errors.margin:
+        error = drive.errors.margin
+        if error is not None and abs(drive.margin - drive.least_margin) <= error:
             yield f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
 
 
 @record
 class Moved:
     """A motion at times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv). breaks : where
-    these jump, in steps from the first sample."""
+    these jump, in steps from the first sample. sparse : whether nothing is known between the samples."""
 
     times: Array
     q: Array
@@ -98,12 +101,23 @@ class Moved:
     qdd: Array
     tau: Array
     breaks: tuple[float, ...] = ()
+    sparse: bool = False
 
     @staticmethod
     def of(dataset: Callable[[str], Array], breaks: tuple[float, ...]) -> Moved:
         """Return the motion of datasets by path."""
         time, q, qd, qdd, tau = (dataset(path) for path in ("time", "q", "qd", "qdd", "tau"))
         return Moved(time, q, qd, qdd, tau, breaks)
+
+    def breaks_of(self, v: Array, a: Array) -> tuple[float, ...]:
+        """Return the breaks of the motion with those of a joint with rates and accelerations (T,), see
+        ``breaks_of_joint``; where each sample stands alone there are no others."""
+        return self.breaks if self.sparse else breaks_of_joint(self.times, v, a, self.breaks)
+
+    def at_samples(self) -> Moved:
+        """Return the motion of which only the samples are known: each is a piece of its own."""
+        breaks = tuple((np.arange(len(self.times) - 1.0) + 0.5).tolist())
+        return dataclasses.replace(self, breaks=breaks, sparse=True)
 
     @staticmethod
     def joined(parts: Sequence[Moved]) -> Moved:
@@ -112,7 +126,8 @@ class Moved:
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("times", "q", "qd", "qdd", "tau")
         )
-        return Moved(times, q, qd, qdd, tau)
+        joined = Moved(times, q, qd, qdd, tau)
+        return joined.at_samples() if any(part.sparse for part in parts) else joined
 
 
 # more accurate integrations of a motion, and times the difference of figures is the error of these; None: none is known
@@ -138,7 +153,7 @@ class Drives:
             load = moved.tau[:, k] - reflected * moved.qdd[:, k]
             inertia = None if rest.inertia is None else rest.inertia[:, k] - reflected
             hold = None if rest.hold is None else rest.hold[:, k]
-            breaks = breaks_of_joint(moved.times, rates[:, k], moved.qdd[:, k], moved.breaks)
+            breaks = moved.breaks_of(rates[:, k], moved.qdd[:, k])
             duty = Duty(moved.times, rates[:, k], moved.qdd[:, k], load, hold, inertia, breaks)
             drives[name] = Evaluated.of(train, duty)
         return Drives(problem, drives)

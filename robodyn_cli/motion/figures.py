@@ -15,7 +15,7 @@ from robodyn_cli.summaries.facts import ABSENT, PeakLoad, warned
 from robodyn_cli.tools.progress import Stopwatch
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.extremes import RecordedMotion
+    from robodyn_cli.motion.between.extremes import RecordedMotion
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
 
@@ -24,8 +24,8 @@ NO_BOUND = (
     "loads, figures of drives or margins; `simulate` with a duration that ends before it has them"
 )
 SPARSE = (
-    "the run has more steps than are looked into: extremes and largest loads are those at samples, without errors; "
-    "a shorter 'simulate.duration' has them"
+    "the run has more steps than are looked into: extremes, largest loads, figures of drives and margins are those at "
+    "samples, without errors; a shorter 'simulate.duration' has them"
 )
 BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has come again
 
@@ -53,15 +53,13 @@ def with_figures(
             loads = reactions.described(loads_of(motions[0]))
             summary = dataclasses.replace(summary, reactions=loads)
     if scene.outputs.extremes:
-        from robodyn_cli.motion.extremes import extremes_over
+        from robodyn_cli.motion.between.extremes import extremes_over
         from robodyn_cli.summaries.extremes import RunExtremes
 
         with watch.stage("extremes"):
             extremes = extremes_over(motions, scene.outputs.extremes)
             found = RunExtremes.of(extremes, scene.simulate.fluctuation)
             summary, others = _with_loads_of_latches(summary, found), [*others, found]
-    if any(one.is_sparse for one in motions):
-        summary = warned(summary, [SPARSE])
     if responding:
         others = _with_responses(others, run, motions[0], watch)
     records = [summary, *others]
@@ -69,14 +67,15 @@ def with_figures(
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            from robodyn_cli.motion.extremes import moved_over
+            from robodyn_cli.motion.between.extremes import moved_over
 
             instants = run.motion.system.breakpoints
             records = with_drives(records, result, run.motion.problem, *moved_over(motions), instants)
     if scene.motorisation is not None:
         with watch.stage("motorisation"):
             records = _with_margins(records, result, run, motions)
-    return records
+    summary, *others = records
+    return [warned(summary, [SPARSE] * any(one.is_sparse for one in motions)), *others]
 
 
 def without_figures(summary: MotionSummary, run: Run) -> MotionSummary:
@@ -125,7 +124,7 @@ def _with_margins(
     """Return the records of a run with the margins of motorisation that its scene asks for behind them."""
     from robodyn_cli.drives.motorisation import with_motorisation
     from robodyn_cli.drives.report import Moved
-    from robodyn_cli.motion.extremes import moved_over
+    from robodyn_cli.motion.between.extremes import moved_over
 
     at_samples = Moved.of(
         run.recorder.array, tuple(run.recorder.breaks(run.recorder.array("time"), run.driver.instants))
@@ -161,7 +160,7 @@ def loads_of(motion: RecordedMotion) -> dict[str, PeakLoad]:
 
 def recorded(run: Run, estimate: Estimate | None) -> RecordedMotion:
     """Return a run that has been recorded; the second one goes on to its own end."""
-    from robodyn_cli.motion.extremes import RecordedMotion
+    from robodyn_cli.motion.between.extremes import RecordedMotion
 
     scene = run.motion.scene
     duration = scene.simulate.duration

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from robodyn_cli.equations.control.control import Control
-from robodyn_cli.motion.extremes import CloseSamples, RecordedMotion, to_its_ends
+from robodyn_cli.motion.between.extremes import RecordedMotion
+from robodyn_cli.motion.between.samples import CloseSamples, to_its_ends
 from robodyn_cli.motion.self_check import rounding_of
 from robodyn_cli.observe.columns import ChosenColumn, values_of
 from robodyn_cli.observe.controllers.held import driven_paths
@@ -34,6 +35,8 @@ def responses(motion: RecordedMotion, control: Control) -> ResponseKeys:
     """
     off = _off(motion)
     own = ResponseKeys(_of(motion.own, control, off))
+    if motion.own.sparse:  # polynomials over several steps tell no error
+        return with_others(own, (), 0.0)
     if not motion.others:
         return own
     others = [ResponseKeys(_of(other, control, off)) for other in motion.others]
@@ -73,7 +76,9 @@ def with_held_torques(motion: RecordedMotion, control: Control, keys: ControlKey
     designed = {x.name: ABSENT for x in dataclasses.fields(ControlSummary) if x.default is ABSENT}
     bare = ControlKeys(dataclasses.replace(keys.control, **designed))
     found = _held(motion.own, control, bare)
-    if motion.others:
+    if motion.own.sparse:
+        found = with_others(found, (), 0.0)
+    elif motion.others:
         found = with_others(found, [_held(other, control, bare) for other in motion.others], motion.factor)
         for other in motion.others:
             one, two = _torques(motion.own), _torques(other)

@@ -1,7 +1,7 @@
 """Columns over time that a scene asks the extremes of: their names, units and values, and extremes of given motions.
 
 Those of given motions follow from their samples (``solve.extremes``), those of integrated ones from the steps
-(``motion.extremes``).
+(``motion.between.extremes``).
 """
 
 from __future__ import annotations

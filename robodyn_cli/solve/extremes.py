@@ -14,15 +14,19 @@ Functions that jump at known places are taken in pieces, as in ``quadrature``. S
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from functools import lru_cache, reduce
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.algorithms.polynomials import derivative, to_powers
+from robodyn_cli.algorithms.polynomials import value as value_of
 from robodyn_cli.record import record
 from robodyn_cli.solve.quadrature import (
+    BLOCK,
     OUTSIDE,
     POINTS,
     Breaks,
@@ -35,7 +39,6 @@ from robodyn_cli.solve.quadrature import (
     roughness,
     sampling_error,
     steps_beside,
-    stretches,
     summed,
 )
 from robodyn_cli.spatial.algebra import Array
@@ -83,7 +86,7 @@ def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     n = y.shape[1]
     if not n:
         return Extreme(*np.zeros((5, 0)))
-    alike = _pieces_alike(times, n, breaks, hidden_jumps(times, y, breaks))
+    alike = list(_pieces_alike(times, n, breaks, hidden_jumps(times, y, breaks)))
     found = _joined([_of_pieces(times, y, *own) for own in alike])
     column, first = (np.concatenate([own[1][k] for own in alike]).astype(int) for k in (COLUMN, FIRST))
     found = _over_pieces(found, column, first, n)
@@ -100,24 +103,25 @@ COLUMN, FIRST = 0, 1
 
 def _pieces_alike(
     times: Array, n: int, breaks: Breaks, jumps: Sequence[tuple[Any, Hidden]]
-) -> list[tuple[int, Array]]:
-    """Return all pieces of n columns (9, P), those with as many samples each at once; jumps : see ``hidden_jumps``."""
+) -> Iterator[tuple[int, Array]]:
+    """Yield all pieces of n columns (9, P), those with as many samples each at once, as far as they fit a block;
+    jumps : see ``hidden_jumps``."""
     alike: dict[int, list[Array]] = {}
     for own, hidden in jumps:
-        columns, known = np.arange(n)[own], np.array(hidden)[:, None]
-        for part in stretches(times, [*breaks, *hidden]):
-            last = part.first + part.samples - 1
-            for piece, low, high in pieces(part.samples, part.breaks):
-                first = part.first + piece.start
-                before, after = ((k == known).any(axis=0) for k in (first - 1, part.first + piece.stop - 1))
-                low_reach, high_reach = part.reach(piece, low, high)
-                reach = np.where(before, 0.0, low_reach), np.where(after, 0.0, high_reach)
-                rows = np.array([first, part.first, last, part.step, *reach, before, after])
-                each = np.concatenate(
-                    [np.tile(columns, len(first))[None], np.repeat(rows, len(columns), axis=1)]
-                )
-                alike.setdefault(piece.stop - piece.start, []).append(each)
-    return [(samples, np.concatenate(own, axis=1)) for samples, own in alike.items()]
+        columns, jumps_behind = np.arange(n)[own], np.zeros(len(times), dtype=bool)
+        jumps_behind[list(hidden)] = True
+        for part in pieces(times, [*breaks, *hidden], len(columns)):
+            sides = [jumps_behind[k] for k in (part.first - 1, part.first + part.samples - 1)]
+            reach = [np.where(side, 0.0, x) for side, x in zip(sides, (part.low, part.high))]
+            rows = np.array([part.first, part.start, part.end, part.step, *reach, *sides])
+            each = np.concatenate(
+                [np.tile(columns, len(part.first))[None], np.repeat(rows, len(columns), axis=1)]
+            )
+            alike.setdefault(part.samples, []).append(each)
+    for samples, parts in alike.items():
+        places, most = np.concatenate(parts, axis=1), max(1, BLOCK // samples)
+        for k in range(0, places.shape[1], most):
+            yield samples, places[:, k : k + most]
 
 
 def _of_pieces(times: Array, y: Array, samples: int, places: Array) -> Extreme:
@@ -129,7 +133,7 @@ def _of_pieces(times: Array, y: Array, samples: int, places: Array) -> Extreme:
     if samples == 1:  # of a single sample between two jumps it is not known where it leads
         reach = np.minimum(1.0, low + high)
         near = y[np.clip(first + np.arange(-2, 3)[:, None], start, end), column]
-        found = dataclasses.replace(found, error=reach * steps_beside(near, slice(2, 3)), time_error=reach)
+        found = dataclasses.replace(found, error=reach * steps_beside(near), time_error=reach)
     found = _beyond(found, block, [side > 0.0 for side in sides])
     time = times[start] + step * (found.at + (first - start))
     return dataclasses.replace(found, at=found.at + first, time=time, time_error=step * found.time_error)
@@ -183,7 +187,18 @@ def _joined(parts: Sequence[Extreme]) -> Extreme:
 
 def largest_magnitude(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest magnitudes of y (T, n), see ``largest``."""
-    return largest(times, y, breaks).or_larger(largest(times, -y, breaks))
+    most, least = largest_of_each(times, [y, -y], breaks)
+    return most.or_larger(least)
+
+
+def largest_of_each(times: Array, each: Sequence[Array], breaks: Breaks = ()) -> list[Extreme]:
+    """Return the largest values of several y (T, n), looked for all at once, which takes a fraction of the time."""
+    found = largest(times, np.concatenate(each, axis=1), breaks)
+    ends = np.cumsum([0, *(y.shape[1] for y in each)]).tolist()
+    names = [f.name for f in dataclasses.fields(Extreme)]
+    return [
+        Extreme(**{name: getattr(found, name)[a:b] for name in names}) for a, b in itertools.pairwise(ends)
+    ]
 
 
 def smallest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
@@ -239,16 +254,13 @@ def tops(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
     ``quadrature``."""
     n = y.shape[1]
     value, time = np.full(n, -np.inf), np.zeros(n)
-    for part in stretches(times, breaks):
-        block = part.of(y)
-        for piece, low, high in pieces(part.samples, part.breaks):
-            reach = (np.repeat(x, n) for x in part.reach(piece, low, high))
-            top, at = (x.reshape(len(part.first), n) for x in _uniform_tops(block[piece], *reach))
-            k = np.argmax(top, axis=0)
-            own, place = (x[k, np.arange(n)] for x in (top, at))
-            better = own > value
-            value = np.where(better, own, value)
-            time = np.where(better, times[part.first[k]] + part.step[k] * (piece.start + place), time)
+    for part in pieces(times, breaks, n):
+        top, at = (x.reshape(len(part.first), n) for x in _uniform_tops(part.of(y), *part.reach(n)))
+        k = np.argmax(top, axis=0)
+        own, place = (x[k, np.arange(n)] for x in (top, at))
+        better = own > value
+        value = np.where(better, own, value)
+        time = np.where(better, times[part.first[k]] + part.step[k] * place, time)
     return value, time
 
 
@@ -347,37 +359,18 @@ def _refined(y: Array, samples: tuple[Array, Array], low: Array, high: Array) ->
     ahead = y[np.minimum(j + 1, last), columns] > y[np.maximum(j - 1, 0), columns]
     first = np.clip(j - points // 2 + (points % 2 == 0) * ahead, 0, len(y) - points)
     near = y[first + np.arange(points)[:, None], columns]
-    c = _to_powers(points) @ near
+    c = to_powers(points) @ near
     begin = np.where(j == 0, -low, np.maximum(j - 1, 0)) - first
     end = np.where(j == last, last + high, np.minimum(j + 1, last)) - first
     x = begin + (end - begin) * BETWEEN
-    x = x[np.argmax(_value(c, x), axis=0), np.arange(len(j))]
-    slope, bend = _derivative(c), _derivative(_derivative(c))
+    x = x[np.argmax(value_of(c, x), axis=0), np.arange(len(j))]
+    slope, bend = derivative(c), derivative(derivative(c))
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(3):
-            curved = _value(bend, x)
-            step = np.where(curved < 0.0, -_value(slope, x) / curved, 0.0)
+            curved = value_of(bend, x)
+            step = np.where(curved < 0.0, -value_of(slope, x) / curved, 0.0)
             x = np.clip(x + step, begin, end)
-    top, there = _value(c, x), y[j, columns]
+    top, there = value_of(c, x), y[j, columns]
     # what the polynomial adds by its own rounding is nothing
     flat = np.abs(top - there) <= FLAT * np.abs(near).max(axis=0)
-    return np.where(flat, there, top), np.where(flat, j, x + first), np.abs(_value(bend, x))
-
-
-@lru_cache(maxsize=8)
-def _to_powers(points: int) -> Array:
-    """Return the matrix from values at 0, 1, ... to coefficients of powers."""
-    return np.asarray(np.linalg.inv(np.vander(np.arange(points, dtype=float), increasing=True)))
-
-
-def _value(c: Array, x: Array) -> Array:
-    """Return polynomials with coefficients c (p, n) at x (..., n)."""
-    found = np.zeros_like(x)
-    for row in c[::-1]:
-        found = found * x + row
-    return found
-
-
-def _derivative(c: Array) -> Array:
-    found: Array = c[1:] * np.arange(1.0, len(c))[:, None]
-    return found if len(found) else np.zeros((1, c.shape[1]))
+    return np.where(flat, there, top), np.where(flat, j, x + first), np.abs(value_of(bend, x))

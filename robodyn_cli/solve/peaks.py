@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.polynomials import derivative
+from robodyn_cli.algorithms.polynomials import value as value_of
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -174,26 +176,26 @@ def _highest(c: Array, doubt: Array, low: Array, high: Array) -> Found:
     """Return the largest values (W,) of polynomials with coefficients c (p, W) between low and high, and places in
     place of times; doubt : coefficients of what these may be off by."""
     x = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, LOOKED)
-    looked = _value(c[:, :, None], x)
-    error = np.abs(_value(doubt[:, :, None], x)).max(axis=1) + ROUNDING * np.abs(looked).max(axis=1)
+    looked = value_of(c[:, :, None], x)
+    error = np.abs(value_of(doubt[:, :, None], x)).max(axis=1) + ROUNDING * np.abs(looked).max(axis=1)
     place = np.argmax(looked, axis=1)
     at = np.take_along_axis(x, place[:, None], axis=1)[:, 0]
-    slope = _derivative(c)
-    bend = _derivative(slope)
+    slope = derivative(c)
+    bend = derivative(slope)
     apart = (high - low) / (LOOKED - 1)
     first, last = np.maximum(at - apart, low), np.minimum(at + apart, high)
     for _ in range(4):
-        own = _value(bend, at)
+        own = value_of(bend, at)
         with np.errstate(divide="ignore", invalid="ignore"):
-            at = np.clip(np.where(own < 0.0, at - _value(slope, at) / own, at), first, last)
-    value = _value(c, at)
+            at = np.clip(np.where(own < 0.0, at - value_of(slope, at) / own, at), first, last)
+    value = value_of(c, at)
     better = value < looked.max(axis=1)
     at = np.where(better, np.take_along_axis(x, place[:, None], axis=1)[:, 0], at)
     value = np.where(better, looked.max(axis=1), value)
     # where the slope may be zero: at the end of a window it is not, as far as it is known
-    unsure, steep = SLOPE * error, np.abs(_value(slope, at))
+    unsure, steep = SLOPE * error, np.abs(value_of(slope, at))
     with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.where(error > 0.0, (unsure + steep * (steep <= unsure)) / np.abs(_value(bend, at)), 0.0)
+        off = np.where(error > 0.0, (unsure + steep * (steep <= unsure)) / np.abs(value_of(bend, at)), 0.0)
     off = np.where((steep > unsure) & ((at <= low) | (at >= high)), 0.0, off)
     return value, error, at, np.minimum(np.nan_to_num(off, nan=np.inf), high - low)
 
@@ -217,15 +219,3 @@ def _powers(x: Array, y: Array) -> Array:
     for k in range(1, x.shape[1]):  # ten times as fast as powers
         np.multiply(matrices[:, :, k - 1], x, out=matrices[:, :, k])
     return np.asarray(np.linalg.solve(matrices, y))
-
-
-def _value(c: Array, x: Array) -> Array:
-    """Return polynomials with coefficients c (p, ...) at x."""
-    found = np.zeros_like(x)
-    for row in c[::-1]:
-        found = found * x + row
-    return found
-
-
-def _derivative(c: Array) -> Array:
-    return c[1:] * np.arange(1.0, len(c)).reshape(-1, *[1] * (c.ndim - 1))

@@ -15,7 +15,7 @@ each reaches half of the way to the other.
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache, wraps
@@ -24,13 +24,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.algorithms.polynomials import real_roots, to_powers, value
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 POINTS = 6
 Breaks = Sequence[float]
 Hidden = Sequence[int]
-Figure = Callable[[Array, float, Breaks], Array]
 SPACED = 3  # samples between breaks, at least
 ALONE = 6.0  # steps between switches that are cut at
 AT = 1e-9  # samples from a break that a sample is at
@@ -43,6 +43,9 @@ HIDDEN = 1e-3  # of the range of a function, above which its differences may sho
 APART = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 DIFFERED = 3e-13  # part of a value, of which rounding alone makes sixth differences
 INTEGRAL = 10.0 / 64.0  # of an integral over that of values
+
+
+BLOCK = 2**17  # numbers that are worked on at once
 
 
 def of_any_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -59,51 +62,91 @@ def of_any_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
     return asked
 
 
-def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return the integrals (n,) of y (T, n), samples a time h apart."""
-    integrals = np.zeros(y.shape[1])
-    for piece, low, high in pieces(len(y), breaks):
-        own = y[piece]
-        if len(own) > 1:
-            integrals += _increments(own, h).sum(axis=0)
-        for (first, last), near in _ends(len(own), low, high):
-            integrals += h * (_weights(len(own[near]), first, last) @ own[near])
-    return integrals
+@record
+class Pieces:
+    """Pieces of as many uniform samples each, between which functions jump, or times are uniform otherwise.
+
+    first : their first samples (P,). step : between their samples (P,) [s]. low, high : how far functions reach beyond
+    the first and the last sample (P,), in steps. start, end : the first and the last sample (P,) of the stretches of
+    uniform samples that they are of.
+    """
+
+    samples: int
+    first: NDArray[np.int_]
+    step: Array
+    low: Array
+    high: Array
+    start: NDArray[np.int_]
+    end: NDArray[np.int_]
+
+    def of(self, y: Array) -> Array:
+        """Return the samples of functions y (T, n) as columns (samples, P n)."""
+        block: Array = y[self.first + np.arange(self.samples)[:, None]].reshape(self.samples, -1)
+        return block
+
+    def reach(self, n: int) -> tuple[Array, Array]:
+        """Return how far n functions reach beyond their first and last samples (P n,), in steps."""
+        return np.repeat(self.low, n), np.repeat(self.high, n)
+
+    def beside(self, y: Array) -> Array:
+        """Return the first samples of pieces with two on both sides (5, P n), as far as their stretches go."""
+        block: Array = y[np.clip(self.first + np.arange(-2, 3)[:, None], self.start, self.end)]
+        return block.reshape(5, -1)
 
 
-def integrate_positive(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return the integrals (n,) of max(y, 0) for y (T, n), samples a time h apart."""
-    integrals = np.zeros(y.shape[1])
-    for piece, low, high in pieces(len(y), breaks):
-        own = y[piece]
-        if len(own) > 1:
-            integrals += _positive_part(own, h)
-        for (first, last), near in _ends(len(own), low, high):
-            near_it = own[near]
-            every = np.ones((1, y.shape[1]), dtype=bool)
-            integrals += h * positive_parts(near_it, np.array([first]), np.array([last]), every)[0]
-    return integrals
+Figure = Callable[[Array, Pieces], Array]
 
 
-def _positive_part(y: Array, h: float) -> Array:
-    """Return the integrals (n,) of max(y, 0) over all intervals between samples (T, n)."""
-    whole = np.where((y[:-1] > 0.0) & (y[1:] > 0.0), _increments(y, h), 0.0)
+def pieces(times: Array, breaks: Breaks = (), columns: int = 1) -> Iterator[Pieces]:
+    """Yield the pieces of samples at times (T,): those with as many samples each at once, but no more than fit a block
+    of so many columns. Of breaks between the same two samples the first counts."""
+    first, last, step, low, high = stretches(times)
+    places = np.sort(np.asarray(breaks, dtype=float))
+    own = np.searchsorted(first, places, side="right") - 1
+    inside = (own >= 0) & (places < last[own])
+    behind, chosen = np.unique(np.floor(places[inside]).astype(int), return_index=True)
+    places, own = places[inside][chosen], own[inside][chosen]
+    of = np.concatenate([np.arange(len(first)), own])
+    begins, ends = np.concatenate([first, behind + 1]), np.concatenate([last, behind])
+    order, until = np.lexsort((begins, of)), np.lexsort((ends, of))
+    begins, ends, of = begins[order], ends[until], of[order]
+    low = np.concatenate([low, behind + 1 - places])[order]
+    high = np.concatenate([high, places - behind])[until]
+    counts = ends - begins + 1
+    for samples in np.unique(counts).tolist():
+        alike, most = np.flatnonzero(counts == samples), max(1, BLOCK // (samples * max(columns, 1)))
+        for k in range(0, len(alike), most):
+            part = alike[k : k + most]
+            one = of[part]
+            yield Pieces(samples, begins[part], step[one], low[part], high[part], first[one], last[one])
+
+
+def integrate(y: Array, part: Pieces) -> Array:
+    """Return the integrals (P n,) of y (T, n) over pieces, in steps."""
+    block = part.of(y)
+    total = _increments(block).sum(axis=0)
+    for near, reach in zip(_ends(block), part.reach(y.shape[1])):
+        if reach.any():
+            total = total + (_reaching(len(near), reach) * near).sum(axis=0)
+    return total
+
+
+def integrate_positive(y: Array, part: Pieces) -> Array:
+    """Return the integrals (P n,) of max(y, 0) for y (T, n) over pieces, in steps."""
+    block = part.of(y)
+    total = _positive_part(block)
+    for near, reach in zip(_ends(block), part.reach(y.shape[1])):
+        if reach.any():
+            total = total + positive_parts(near, -reach[None], np.zeros((1, 1)), reach[None] > 0.0)[0]
+    return total
+
+
+def _positive_part(y: Array) -> Array:
+    """Return the integrals (n,) of max(y, 0) over all intervals between samples (T, n), in steps."""
+    whole = np.where((y[:-1] > 0.0) & (y[1:] > 0.0), _increments(y), 0.0)
     mixed = (y[:-1] > 0.0) != (y[1:] > 0.0)
-    first = np.arange(len(y) - 1.0)
-    return (whole + h * positive_parts(y, first, first + 1.0, mixed)).sum(axis=0)
-
-
-def pieces(samples: int, breaks: Breaks) -> Iterator[tuple[slice, float, float]]:
-    """Yield the samples between breaks, and how far their functions reach beyond the first and the last of them, in
-    steps. Of breaks between the same two samples the first counts."""
-    inside = sorted(
-        {math.floor(x): x for x in sorted(breaks, reverse=True) if 0.0 <= x < samples - 1}.values()
-    )
-    cuts = [0, *(math.floor(x) + 1 for x in inside), samples]
-    for k, (first, end) in enumerate(itertools.pairwise(cuts)):
-        low = first - inside[k - 1] if k else 0.0
-        high = inside[k] - (end - 1) if k < len(inside) else 0.0
-        yield slice(first, end), low, high
+    first = np.arange(len(y) - 1.0)[:, None]
+    return (whole + positive_parts(y, first, first + 1.0, mixed)).sum(axis=0)
 
 
 def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[float]:
@@ -141,29 +184,25 @@ def places_of(instants: Iterable[float], times: Array) -> list[float]:
     return places
 
 
-def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return how far integrals (n,) of y (T, n), or of its positive part, may be off; samples a time h apart."""
-    found = np.zeros(y.shape[1])
-    for piece, low, high in pieces(len(y), breaks):
-        rough = roughness(y[piece])
-        if piece.stop - piece.start == 1:
-            found += 0.5 * h * (low**2 + high**2) * steps_beside(y, piece)
-            if low + high < 3.0 * AT:  # of a sample at a break it is not known of which side it is
-                sides = np.abs(np.diff(y[max(piece.start - 1, 0) : piece.stop + 1], axis=0))
-                found += h * (low + high) * sides.sum(axis=0)
-        found += h * rough.sum(axis=0) * INTEGRAL
-        # a jump in the first or the last interval appears in one difference alone
-        found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
+def sampling_error(y: Array, part: Pieces) -> Array:
+    """Return how far integrals (P n,) over pieces of y (T, n), or of its positive part, may be off, in steps."""
+    low, high = part.reach(y.shape[1])
+    rough = roughness(part.of(y))
+    # a jump in the first or the last interval appears in one difference alone
+    found: Array = rough.sum(axis=0) * INTEGRAL + (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
+    if part.samples == 1:
+        near = part.beside(y)
+        # of a sample at a break it is not known of which side it is
+        sides = np.where(low + high < 3.0 * AT, low + high, 0.0)
+        found = found + 0.5 * (low**2 + high**2) * steps_beside(near)
+        found = found + sides * (np.abs(near[2] - near[1]) + np.abs(near[3] - near[2]))
     return found
 
 
-def steps_beside(y: Array, piece: slice) -> Array:
-    """Return twice the larger change (n,) from sample to sample on both sides of a piece of one sample: where a
-    function goes from there until its jump is taken to be of this size."""
-    found = np.zeros(y.shape[1])
-    for first in (piece.start - 2, piece.stop):
-        if 0 <= first < len(y) - 1:
-            found = np.maximum(found, 2.0 * np.abs(y[first + 1] - y[first]))
+def steps_beside(near: Array) -> Array:
+    """Return twice the larger change (m,) from sample to sample on both sides of the middle one of five (5, m): where
+    a function goes from there until its jump is taken to be of this size."""
+    found: Array = 2.0 * np.maximum(np.abs(near[1] - near[0]), np.abs(near[4] - near[3]))
     return found
 
 
@@ -176,44 +215,18 @@ def roughness(y: Array) -> Array:
     return found
 
 
-@record
-class Stretches:
-    """Stretches of as many uniform samples each.
-
-    first : their first samples (P,). step : between their samples (P,) [s]. low, high : how far functions reach beyond
-    the first and the last sample (P,), in steps. breaks : inside a single stretch, in steps from its first sample.
-    """
-
-    first: NDArray[np.int_]
-    samples: int
-    step: Array
-    low: Array
-    high: Array
-    breaks: Breaks = ()
-
-    def of(self, y: Array) -> Array:
-        """Return the samples of functions y (T, n) as columns (samples, P n)."""
-        block: Array = y[self.first + np.arange(self.samples)[:, None]].reshape(self.samples, -1)
-        return block
-
-    def reach(self, piece: slice, low: float, high: float) -> tuple[Array, Array]:
-        """Return how far functions reach beyond a piece of each stretch (P,), in steps."""
-        before = self.low if piece.start == 0 else np.full_like(self.low, low)
-        return before, self.high if piece.stop == self.samples else np.full_like(self.high, high)
-
-
 def gaps_between(times: Array) -> NDArray[np.int_]:
     """Return the samples behind which a step stands for a jump."""
     steps = np.diff(times)
     return 1 + np.flatnonzero(steps[1:-1] < GAP * np.minimum(steps[:-2], steps[2:]))
 
 
-def stretches(times: Array, breaks: Breaks = ()) -> list[Stretches]:
-    """Return the stretches of uniform samples, of which one ends where the next begins, or at a jump before it: those
-    with breaks one by one, others with all that have as many samples."""
+def stretches(times: Array) -> tuple[NDArray[np.int_], NDArray[np.int_], Array, Array, Array]:
+    """Return the stretches of uniform samples (S,), of which one ends where the next begins, or at a jump before it:
+    their first and last samples, the step between these [s], and how far functions reach beyond them, in steps."""
     steps = np.diff(times)
     if not len(steps):
-        return [Stretches(np.zeros(1, dtype=int), 1, *np.zeros((3, 1)))]
+        return (np.zeros(1, dtype=int), np.zeros(1, dtype=int), *np.zeros((3, 1)))
     gaps = gaps_between(times)
     cuts = np.flatnonzero(np.abs(np.diff(steps)) > ALIKE * float(np.abs(steps).max())) + 1
     ends, jumps = np.zeros((2, len(times)), dtype=bool)
@@ -225,50 +238,28 @@ def stretches(times: Array, breaks: Breaks = ()) -> list[Stretches]:
     step = (times[last] - times[first]) / (last - first)
     beyond = np.zeros(len(times) + 1)  # half of each gap, at the samples on both sides of it
     beyond[gaps] = beyond[gaps + 1] = 0.5 * steps[gaps]
-    low, high = beyond[first] / step, beyond[last] / step
-    inside: dict[int, list[float]] = {}
-    for x in breaks:
-        k = int(np.searchsorted(first, x, side="right")) - 1
-        if k >= 0 and x < last[k]:
-            inside.setdefault(k, []).append(x - int(first[k]))
-    alike: dict[Any, list[int]] = {}
-    for k, count in enumerate((last - first + 1).tolist()):
-        alike.setdefault((count, k if k in inside else None), []).append(k)
-    return [
-        Stretches(first[own], count, step[own], low[own], high[own], inside.get(own[0], ()))
-        for (count, _), own in alike.items()
-    ]
+    return first, last, step, beyond[first] / step, beyond[last] / step
 
 
 def summed(figure: Figure, times: Array, y: Array, breaks: Breaks = ()) -> Array:
-    """Return the sum of a figure (n,) of y (T, n), such as ``integrate``, over the stretches of uniform samples."""
+    """Return the sum of a figure (n,) of y (T, n), such as ``integrate``, over its pieces."""
     total = np.zeros(y.shape[1])
-    for part in stretches(times, breaks):
-        block = part.of(y)
-        own = figure(block, 1.0, part.breaks)
-        for end, reach in ((block[:2], part.low), (block[:-3:-1], part.high)):
-            if reach.any():
-                far = np.repeat(reach, y.shape[1])
-                middle = end[0] + 0.5 * far * (end[0] - end[1])
-                own = own + far * figure(np.stack([middle, middle]), 1.0, ())
-        total += (part.step[:, None] * own.reshape(len(part.step), -1)).sum(axis=0)
+    for part in pieces(times, breaks, y.shape[1]):
+        own = figure(y, part).reshape(len(part.step), -1)
+        total = total + (part.step[:, None] * own).sum(axis=0)
     return total
 
 
 def running(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, float]:
     """Return the integral of y (T,) from the first sample to each (T,), and how far differences of it may be off."""
-    steps = np.diff(times)
-    jumps = {int(k) for k in gaps_between(times)} | {math.floor(x) for x in breaks if 0.0 <= x < len(steps)}
-    parts, error = 0.5 * steps * (y[1:] + y[:-1]), 0.0
-    for k in jumps:
-        error += float(steps[k] * abs(y[k + 1] - y[k]))
-    uneven = np.abs(np.diff(steps)) > ALIKE * float(steps.max())
-    ends = sorted({0, len(steps), *jumps, *(k + 1 for k in jumps), *(np.flatnonzero(uneven) + 1).tolist()})
-    for first, last in itertools.pairwise(ends):
-        if first not in jumps:
-            own, h = y[first : last + 1, None], float(times[last] - times[first]) / (last - first)
-            parts[first:last] = _increments(own, h)[:, 0]
-            error += float(sampling_error(own, h)[0])
+    steps, column = np.diff(times), y[:, None]
+    parts, jumps, error = 0.5 * steps * (y[1:] + y[:-1]), np.ones(len(steps), dtype=bool), 0.0
+    for part in pieces(times, breaks):
+        inside = part.first + np.arange(part.samples - 1)[:, None]
+        parts[inside], jumps[inside] = part.step * _increments(part.of(column)), False
+        within = dataclasses.replace(part, low=0.0 * part.low, high=0.0 * part.high)
+        error += float((part.step * sampling_error(column, within)).sum())
+    error += float((steps * np.abs(np.diff(y)))[jumps].sum())
     return np.concatenate([[0.0], np.cumsum(parts)]), error
 
 
@@ -292,8 +283,9 @@ def hidden_jumps(times: Array, y: Array, breaks: Breaks) -> Sequence[tuple[Any, 
 def doubts(times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
     """Return the sixth differences of y (T, n) away from breaks, and which columns they may show a jump of (n,)."""
     away = np.ones((len(y) - POINTS, 1), dtype=bool)
-    for x in [*breaks, *gaps_between(times)]:
-        away[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = False
+    jumps = np.floor([*breaks, *gaps_between(times)]).astype(int)
+    jumps = jumps[(jumps >= 0) & (jumps < len(y) - 1), None]
+    away[np.clip(jumps - np.arange(POINTS), 0, len(away) - 1)] = False
     rough = np.where(away, np.abs(np.diff(y, POINTS, axis=0)), 0.0)
     least = np.maximum(HIDDEN * np.ptp(y, axis=0), DIFFERED * np.abs(y).max(axis=0))
     return rough, rough.max(axis=0) > least
@@ -302,32 +294,32 @@ def doubts(times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
 def _jumps(rough: Array, size: Array) -> list[list[int]]:
     """Return the samples behind which functions jump or bend, from the magnitudes of their sixth differences (R, n).
 
-    A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other.
+    A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other. The
+    largest differences count first; those that lie apart do not change each other.
     """
-    found: list[list[int]] = [[] for _ in size]
     least = np.maximum(HIDDEN * size, APART * rough.max(axis=0, initial=0.0))
-    none = np.zeros((POINTS, len(size)))
+    none = np.zeros((2 * POINTS, len(size)))
     rough = np.concatenate([none, rough, none])
-    columns = np.arange(len(size))
-    while len(columns := columns[rough[:, columns].max(axis=0) > least[columns]]):
-        i = rough[:, columns].argmax(axis=0)
-        k = i + POINTS // 2 - (rough[i - 1, columns] > rough[i + 1, columns])
-        around = np.maximum(rough[k - POINTS, columns], rough[k + 1, columns])
-        for j in np.flatnonzero(around < APART * rough[i, columns]).tolist():
-            found[columns[j]].append(int(k[j]) - POINTS)
-        rough[k - np.arange(POINTS)[:, None], columns] = 0.0
-        columns = columns[[len(found[j]) < FEW for j in columns]]
-    return [sorted(own) for own in found]
+    ways = np.arange(1, POINTS + 3)[:, None]
+    rows, columns = np.nonzero(rough > least)
+    found: list[list[tuple[float, int]]] = [[] for _ in size]
+    while len(rows):
+        own = rough[rows, columns]
+        first = (own > rough[rows - ways, columns]) & (own >= rough[rows + ways, columns])
+        i, column, largest = rows[first.all(axis=0)], columns[first.all(axis=0)], own[first.all(axis=0)]
+        k = i + POINTS // 2 - (rough[i - 1, column] > rough[i + 1, column])
+        around = np.maximum(rough[k - POINTS, column], rough[k + 1, column])
+        for j in np.flatnonzero(around < APART * largest).tolist():
+            found[column[j]].append((-float(largest[j]), int(k[j]) - 2 * POINTS))
+        rough[k - np.arange(POINTS)[:, None], column] = 0.0
+        left = rough[rows, columns] > least[columns]
+        rows, columns = rows[left], columns[left]
+    return [sorted(k for _, k in sorted(own)[:FEW]) for own in found]
 
 
-def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:
-    """Yield the stretches before the first and behind the last of some samples, each from and to places that count
-    from the first of the samples that are nearest to it, and these samples."""
-    points = min(POINTS, samples)
-    if low > 0.0:
-        yield (-low, 0.0), slice(0, points)
-    if high > 0.0:
-        yield (points - 1.0, points - 1.0 + high), slice(samples - points, samples)
+def _ends(y: Array) -> tuple[Array, Array]:
+    """Return the samples nearest to the first and to the last of some (T, n), counted from there."""
+    return y[:POINTS], y[::-1][:POINTS]
 
 
 def _stencil(samples: int, k: int) -> tuple[int, int]:
@@ -338,60 +330,61 @@ def _stencil(samples: int, k: int) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=64)
-def _weights(points: int, first: float, last: float) -> Array:
-    """Return the weights (points,) of the integral from ``first`` to ``last`` of the interpolant at 0, 1, ..."""
+def _weights(points: int, place: int) -> Array:
+    """Return the weights (points,) of the integral from ``place`` to the next of the interpolant at 0, 1, ..."""
     powers = np.arange(points)
-    nodes = np.arange(points, dtype=float)[None, :] - first
-    moments = (last - first) ** (powers + 1.0) / (powers + 1.0)
-    return np.asarray(np.linalg.solve(nodes ** powers[:, None], moments))
+    nodes = np.arange(points, dtype=float)[None, :] - place
+    return np.asarray(np.linalg.solve(nodes ** powers[:, None], 1.0 / (powers + 1.0)))
 
 
-def _increments(y: Array, h: float) -> Array:
-    """Return the integrals (T - 1, n) over each interval."""
+def _reaching(points: int, reach: Array) -> Array:
+    """Return the weights (points, m) of integrals from ``-reach`` (m,) to 0 of the interpolant at 0, 1, ..."""
+    powers = np.arange(1.0, points + 1.0)[:, None]
+    found: Array = to_powers(points).T @ (-((-reach) ** powers) / powers)
+    return found
+
+
+def _increments(y: Array) -> Array:
+    """Return the integrals (T - 1, n) over each interval, in steps."""
     samples = len(y)
+    if samples == 1:
+        return y[:0]
     points = min(POINTS, samples)
     middle = points // 2 - 1
     inner = samples - points + 1  # intervals whose stencil is centred
-    w = _weights(points, middle, middle + 1)
+    w = _weights(points, middle)
     own = sum(w[j] * y[j : j + inner] for j in range(1, points)) + w[0] * y[:inner]
     ends = [
         [_of_interval(y, k)[None] for k in places]
         for places in (range(middle), range(middle + inner, samples - 1))
     ]
     out: Array = np.concatenate([*ends[0], own, *ends[1]])
-    return h * out
+    return out
 
 
 def _of_interval(y: Array, k: int) -> Array:
     """Return the integrals (n,) over interval k, in steps."""
     points = min(POINTS, len(y))
     first, place = _stencil(len(y), k)
-    found: Array = _weights(points, place, place + 1) @ y[first : first + points]
+    found: Array = _weights(points, place) @ y[first : first + points]
     return found
 
 
 @of_any_arrays
 def positive_parts(y: Array, first: Array, last: Array, chosen: NDArray[np.bool_]) -> Array:
-    """Return the integrals (R, n) of max(y, 0) from places ``first`` to ``last`` (R,), in steps, of the polynomials
-    through the nearest samples of y (T, n); zero where they are not chosen (R, n)."""
-    found = np.zeros((len(first), y.shape[1]))
-    for row, column in np.argwhere(chosen):
-        begin, _ = _stencil(len(y), math.floor(first[row]))
-        near = y[begin : begin + POINTS, column]
-        found[row, column] = _positive_piece(near, first[row] - begin, last[row] - begin)
+    """Return the integrals (R, n) of max(y, 0) from places ``first`` to ``last`` (R, n) or (R, 1), in steps, of the
+    polynomials through the nearest samples of y (T, n), cut at their roots; zero where they are not chosen (R, n)."""
+    found = np.zeros(chosen.shape)
+    rows, columns = np.nonzero(chosen)
+    begin, end = (np.broadcast_to(x, chosen.shape)[rows, columns] for x in (first, last))
+    points, length = min(POINTS, len(y)), end - begin
+    front = np.clip(np.floor(begin).astype(int) - points // 2 + 1, 0, len(y) - points)
+    nodes = np.arange(points) + (front - begin)[:, None]
+    near = y[front[:, None] + np.arange(points), columns[:, None]]
+    c = np.linalg.solve(nodes[:, :, None] ** np.arange(points), near[:, :, None])[:, :, 0].T
+    cuts = np.sort(np.vstack([0.0 * length, real_roots(c, length), length]), axis=0)
+    primitive = np.vstack([0.0 * length, c / np.arange(1.0, points + 1.0)[:, None]])
+    parts = np.diff(value(primitive[:, None], cuts), axis=0)
+    middles = 0.5 * (cuts[1:] + cuts[:-1])
+    found[rows, columns] = np.where(value(c[:, None], middles) > 0.0, parts, 0.0).sum(axis=0)
     return found
-
-
-def _positive_piece(y: Array, first: float, last: float) -> float:
-    """Return the integral from ``first`` to ``last`` of the interpolant of y at 0, 1, ... where positive."""
-    x = np.arange(len(y), dtype=float) - first
-    p = np.linalg.solve(np.vander(x), y)
-    roots = np.roots(p).astype(complex)
-    inside = [float(r.real) for r in roots if abs(r.imag) < 1e-9 and 0.0 < r.real < last - first]
-    cuts = [0.0, *sorted(inside), last - first]
-    primitive = np.polyint(p)
-    total = 0.0
-    for a, b in itertools.pairwise(cuts):
-        if np.polyval(p, 0.5 * (a + b)) > 0.0:
-            total += float(np.polyval(primitive, b) - np.polyval(primitive, a))
-    return total

@@ -22,7 +22,8 @@ def with_others(one: Any, others: Sequence[Any], factor: float, place: Steps = (
 
     An error, 0 where none stands there yet, grows by ``factor`` times the largest distance of the figures that it is
     of, and by as much as the others are apart: one of them may agree with the first by chance. It becomes None where
-    only the first run has a figure. Figures whose errors stand outside the record keep them.
+    only the first run has a figure: all do where there is no other. Figures whose errors stand outside the record keep
+    them.
 
     Parameters
     ----------
@@ -67,7 +68,8 @@ def _inside(key: str, place: Steps) -> Steps | None:
 
 
 def _apart(first: Any, others: Sequence[Any], factor: float) -> Any:
-    """Return how far values are apart, None where not all are numbers; of a map by name, of a list the largest."""
+    """Return how far values are apart, None where not all are numbers, or there are no others; of a map by name, of a
+    list the largest."""
     if isinstance(first, Mapping):
         maps = [other if isinstance(other, Mapping) else {} for other in others]
         least = ROUNDED * max((abs(x) for x in first.values() if isinstance(x, float)), default=0.0)
@@ -78,6 +80,8 @@ def _apart(first: Any, others: Sequence[Any], factor: float) -> Any:
             return None
         parts = _apart(dict(enumerate(first)), [dict(enumerate(other)) for other in others], factor)
         return None if None in parts.values() else max(parts.values(), default=0.0)
+    if not others:
+        return None
     if not isinstance(first, (int, float)):
         return 0.0 if all(first is other or first == other for other in others) else None
     if not all(isinstance(other, (int, float)) for other in others):

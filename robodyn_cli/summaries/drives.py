@@ -1,4 +1,7 @@
-"""What motors and gears bear in a motion, and its margins of motorisation: keys of motions that have these."""
+"""What motors and gears bear in a motion, and its margins of motorisation: keys of motions that have these.
+
+Errors are null where nothing tells them: of runs of which samples alone are known.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +17,23 @@ LIMITS = ("peak", "continuous", "winding", "gear_peak", "gear_rated", "gear_spee
 class SideErrors:
     """Errors of the figures of one side of a gear: of what lies between the samples, and of an integrated motion."""
 
-    peak_torque: float = fact("of the largest torque", LOAD)
-    peak_torque_time: float = fact("of its time", "s")
-    rms_torque: float = fact("of the RMS torque", LOAD)
-    mean_torque: float = fact("of the mean torque", LOAD)
-    peak_speed: float = fact("of the largest speed", RATE)
-    power: float = fact("of the largest powers", "W")
-    energy: float = fact("of the energies", "J")
+    peak_torque: float | None = fact("of the largest torque", LOAD)
+    peak_torque_time: float | None = fact("of its time", "s")
+    rms_torque: float | None = fact("of the RMS torque", LOAD)
+    mean_torque: float | None = fact("of the mean torque", LOAD)
+    peak_speed: float | None = fact("of the largest speed", RATE)
+    power: float | None = fact("of the largest powers", "W")
+    energy: float | None = fact("of the energies", "J")
 
 
 @record
 class ShaftErrors(SideErrors):
     """The same of the shaft of each motor."""
 
-    peak_torque: float = fact("of the largest torque", "N m")
-    rms_torque: float = fact("of the RMS torque", "N m")
-    mean_torque: float = fact("of the mean torque", "N m")
-    peak_speed: float = fact("of the largest speed", "rad/s")
+    peak_torque: float | None = fact("of the largest torque", "N m")
+    rms_torque: float | None = fact("of the RMS torque", "N m")
+    mean_torque: float | None = fact("of the mean torque", "N m")
+    peak_speed: float | None = fact("of the largest speed", "rad/s")
 
 
 @record
@@ -66,9 +69,9 @@ class Shaft(Side):
 class ElectricalErrors:
     """Errors of the electrical figures: of what lies between the samples, and of an integrated motion."""
 
-    peak_current: float = fact("of the largest current", "A")
-    rms_current: float = fact("of the RMS current", "A")
-    energy: float = fact("the largest of any energy", "J")
+    peak_current: float | None = fact("of the largest current", "A")
+    rms_current: float | None = fact("of the RMS current", "A")
+    energy: float | None = fact("the largest of any energy", "J")
 
 
 @record
@@ -93,7 +96,9 @@ class WindingTemperatures:
     after_one_cycle: float = fact(
         "after a first cycle that begins at the surroundings' temperature", "degC", errors=(".error",)
     )
-    error: float = fact("error of these: of what lies between the samples, and of an integrated motion", "K")
+    error: float | None = fact(
+        "error of these: of what lies between the samples, and of an integrated motion", "K"
+    )
 
 
 @record
@@ -101,24 +106,24 @@ class UsedLimit:
     """How much of a limit is used."""
 
     use: float = fact("part of the limit that is used; 1: all of it", errors=(".use_error",))
-    use_error: float = fact(
+    use_error: float | None = fact(
         "error of this part: of what lies between the samples, and of an integrated motion"
     )
     time: float | Absent = fact(
         "when most of it is used, where that is an instant", "s", errors=(".time_error",)
     )
-    time_error: float | Absent = fact("error of this time", "s")
+    time_error: float | Absent | None = fact("error of this time", "s")
 
 
 @record
 class DriveErrors:
     """Errors of the figures of a drive: of what lies between the samples, and of an integrated motion."""
 
-    margin: float = fact("of the margin")
-    time: float | Absent = fact("of the time when the limit decides", "s")
-    gear_loss: float = fact("of the energy that the gears lose", "J")
-    inertia_ratio: float | Absent = fact("of the smallest and largest ratio of inertias")
-    wind_up: float | Absent = fact("of the angle or way by which the gears give way", OWN)
+    margin: float | None = fact("of the margin")
+    time: float | Absent | None = fact("of the time when the limit decides", "s")
+    gear_loss: float | None = fact("of the energy that the gears lose", "J")
+    inertia_ratio: float | Absent | None = fact("of the smallest and largest ratio of inertias")
+    wind_up: float | Absent | None = fact("of the angle or way by which the gears give way", OWN)
 
 
 @record
@@ -174,8 +179,8 @@ class RatioErrors:
     """Errors of a ratio of motorisation: of what lies between the samples, and of an integrated motion."""
 
     ratio: float | None = fact("of the ratio; null where it is not known")
-    time: float = fact("of the time when it is least", "s")
-    angle: float | Absent = fact("of the position there", OWN)
+    time: float | None = fact("of the time when it is least", "s")
+    angle: float | Absent | None = fact("of the position there", OWN)
 
 
 @record

@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from robodyn_cli.algorithms.polynomials import derivative, real_roots, value
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.motion import Planned, knot_places
@@ -183,21 +184,27 @@ def turns_of(times: Array, v: Array, a: Array) -> list[float]:
     """Return where rates v (T,) change their sign, in steps from the first sample, by polynomials with their slopes
     a (T,): cubic ones, and through the samples beside these where that agrees, as it does of smooth rates."""
     sign = np.sign(v)
-    found: list[float] = (1.0 + np.flatnonzero((sign[1:-1] == 0.0) & (sign[:-2] * sign[2:] < 0.0))).tolist()
-    for n in np.flatnonzero(sign[:-1] * sign[1:] < 0.0).tolist():
-        rise, step = v[n + 1] - v[n], times[n + 1] - times[n]
-        low, high = step * a[n], step * a[n + 1]
-        roots = np.roots([low + high - 2.0 * rise, 3.0 * rise - 2.0 * low - high, low, v[n]])
-        inside = [float(x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
-        near = slice(n - 1, n + 3)
-        if len(inside) == 1 and 0 < n < len(times) - 2 and np.ptp(np.diff(times[near])) < 1e-6 * step:
-            c = np.linalg.solve(_hermite(), np.concatenate([v[near], step * a[near]]))
-            root = inside[0]
-            for _ in range(3):
-                root -= float(np.polyval(c, root) / np.polyval(np.polyder(c), root))
-            inside = [root] if abs(root - inside[0]) < AGREE else inside
-        found += [n + x for x in inside]
-    return sorted(found)
+    rests = 1.0 + np.flatnonzero((sign[1:-1] == 0.0) & (sign[:-2] * sign[2:] < 0.0))
+    n = np.flatnonzero(sign[:-1] * sign[1:] < 0.0)
+    rise, step = v[n + 1] - v[n], times[n + 1] - times[n]
+    low, high = step * a[n], step * a[n + 1]
+    cubics = np.array([v[n], low, 3.0 * rise - 2.0 * low - high, low + high - 2.0 * rise])
+    roots = real_roots(cubics, np.ones(len(n)))
+    inside = roots < 1.0
+    one, root = inside.sum(axis=0) == 1, roots.min(axis=0, initial=1.0)
+    near = np.clip(n[:, None] + np.arange(-1, 3), 0, len(times) - 1)
+    even = np.ptp(np.diff(times[near], axis=1), axis=1) < 1e-6 * step
+    known = np.flatnonzero(one & (n > 0) & (n < len(times) - 2) & even)
+    near, step = near[known].T, step[known]
+    c = np.linalg.solve(_hermite(), np.concatenate([v[near], step * a[near]]))[::-1]
+    better = root[known]
+    for _ in range(3):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            better = better - value(c, better) / value(derivative(c), better)
+    agrees = np.abs(better - root[known]) < AGREE
+    roots[:, known[agrees]] = np.where(inside[:, known[agrees]], better[agrees], 1.0)
+    found: list[float] = np.sort(np.concatenate([rests, (n + roots)[inside]])).tolist()
+    return found
 
 
 @lru_cache(maxsize=1)

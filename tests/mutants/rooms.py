@@ -71,7 +71,7 @@ ROOMS = {
     "motion/contact/events.py": ["test_latches.py"],
     "motion/error.py": MOTION,
     "motion/second_run.py": MOTION,
-    "motion/extremes.py": ["test_run_extremes.py"],
+    "motion/between/extremes.py": ["test_run_extremes.py"],
     "observe/columns.py": ["test_run_extremes.py"],
     "solve/peaks.py": ["test_run_extremes.py"],
     "motion/self_check.py": MOTION,

@@ -20,8 +20,8 @@ from robodyn_cli.over.many.course import samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
-from robodyn_cli.solve.extremes import Extreme, integral, largest, smallest, tops
-from robodyn_cli.solve.quadrature import integrate, integrate_positive, sampling_error, spaced
+from robodyn_cli.solve.extremes import Extreme, integral, largest, positive_integral, smallest, tops
+from robodyn_cli.solve.quadrature import integrate, sampling_error, spaced, summed
 from robodyn_cli.torques.checks import LEAST, settled, turns_of
 
 
@@ -70,9 +70,9 @@ def test_the_error_of_an_integral_is_told_where_it_arises() -> None:
     x, covered = np.linspace(0.0, 1.0, 41), []
     for centre in np.linspace(0.45, 0.55, 9):
         y = np.maximum(1.0 - ((x - centre) / 0.2) ** 2, 0.0)[:, None]
-        off = abs(integrate(y, x[1])[0] - 0.8 / 3.0)
+        off = abs(summed(integrate, x, y)[0] - 0.8 / 3.0)
         covered.append(off)
-        assert off <= sampling_error(y, x[1])[0] < 0.01
+        assert off <= summed(sampling_error, x, y)[0] < 0.01
     assert max(covered) > 1e-6
 
 
@@ -94,8 +94,8 @@ def test_a_jump_in_the_first_interval() -> None:
     for place in (0.4, 5.4, 9.4):
         y = np.where(x < place, 2.0, 1.0 + x)[:, None]
         exact = 2.0 * place + (11.0 - place) + (121.0 - place**2) / 2.0
-        assert integrate(y, 1.0, [place])[0] == pytest.approx(exact, rel=1e-12)
-        assert integrate_positive(y, 1.0, [place])[0] == pytest.approx(exact, rel=1e-12)
+        assert integral(x, y, [place])[0][0] == pytest.approx(exact, rel=1e-12)
+        assert positive_integral(x, y, [place])[0][0] == pytest.approx(exact, rel=1e-12)
 
 
 def test_places_of_breaks() -> None:

@@ -251,10 +251,10 @@ def test_a_gear_loses_what_the_key_gear_of_a_joint_loses() -> None:
     other = inverse(load_scene_text(arm("axes", "", b=own)))
     assert np.allclose(40.0 * driven["drives/torque"][:, 0], other["tau"][:, 2], rtol=0, atol=1e-11)
     lost = other["torque_terms/gear"][:, 2] * other["qd"][:, 2]
-    from robodyn_cli.solve.quadrature import integrate
+    from robodyn_cli.solve.extremes import integral
 
     loss = summary_of(arm("axes", drives))["drives"]["b"]["gear_loss"]
-    assert loss == pytest.approx(float(integrate(lost[:, None], 3.0 / 1800)[0]), rel=1e-5)
+    assert loss == pytest.approx(float(integral(driven.time, lost[:, None])[0][0]), rel=1e-5)
 
 
 @pytest.mark.parametrize("placed", PLACED)

@@ -498,7 +498,7 @@ def test_a_run_of_more_steps_than_are_looked_into_has_no_errors_between_samples(
     """Polynomials through samples of many steps told -5 +- 3 m of a point that is half a metre from its joint."""
     long = PENDULUM.replace("duration: 1.9", "duration: 400")
     full = extremes(long, *NAMES, reactions=True)
-    monkeypatch.setattr("robodyn_cli.motion.extremes.MOST", 2**9)
+    monkeypatch.setattr("robodyn_cli.motion.between.extremes.MOST", 2**9)
     scene = load_scene_text(long)
     asked = dataclasses.replace(scene.outputs, extremes=NAMES, reactions=True)
     summary = simulate(dataclasses.replace(scene, outputs=asked)).summary

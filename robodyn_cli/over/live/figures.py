@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property, reduce
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.observe.rounding import largest_differences
 from robodyn_cli.over.live.rules import Tape
-from robodyn_cli.solve.extremes import Extreme, largest
+from robodyn_cli.solve.extremes import Extreme, largest_of_each
 from robodyn_cli.solve.guided import same_branch
 from robodyn_cli.solve.load_sharing import Hold, borne, borne_least, shared_rows
 from robodyn_cli.solve.quadrature import Breaks
@@ -36,11 +35,7 @@ class LoadedTogether(Loaded):
     def _peaks(self) -> list[Extreme]:
         """The largest values of torques, rates and power, and of each with its sign changed."""
         columns = [x for y in (self.tau, self.qd, self.power) for x in (y, -y)]
-        found = largest(self.times, np.concatenate(columns, axis=1), self.breaks)
-        n = self.tau.shape[1]
-        names = [f.name for f in dataclasses.fields(Extreme)]
-        parts = [slice(k * n, k * n + n) for k in range(len(columns))]
-        return [Extreme(**{name: getattr(found, name)[part] for name in names}) for part in parts]
+        return largest_of_each(self.times, columns, self.breaks)
 
     @cached_property
     def most(self) -> Extreme:

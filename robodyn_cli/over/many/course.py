@@ -35,7 +35,7 @@ from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.extremes import RecordedMotion
+    from robodyn_cli.motion.between.extremes import RecordedMotion
 
 LARGEST = tuple(f"error_estimate.{name}" for name in ("q_max", "qd_max", "state_max", "rounding_floor"))
 BETWEEN = ("extremes", "fluctuation", "reactions")  # sections of the summary
@@ -343,7 +343,7 @@ def recordings(
 def _recorded(
     batch: RunBatch, method: str, ended: CourseEnds, k: int, own: tuple[Motion, Recorder, Array]
 ) -> RecordedMotion:
-    from robodyn_cli.motion.extremes import RecordedMotion
+    from robodyn_cli.motion.between.extremes import RecordedMotion
     from robodyn_cli.motion.second_run import FirstRun
     from robodyn_cli.summaries.motion import MotionErrors
 
@@ -362,7 +362,7 @@ def figures_between(
     batch: RunBatch, method: str, ended: CourseEnds, keys: Sequence[str], command: str
 ) -> dict[str, Figure]:
     """Return figures of sections in ``BETWEEN`` of all runs, nan of those that the command has to look into."""
-    from robodyn_cli.motion.extremes import extremes_over
+    from robodyn_cli.motion.between.extremes import extremes_over
     from robodyn_cli.motion.figures import loads_of
     from robodyn_cli.summaries.extremes import RunExtremes
 

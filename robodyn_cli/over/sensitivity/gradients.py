@@ -28,7 +28,7 @@ from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import EXACT, NARROWER, Slope, extrapolated
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import as_keys
-from robodyn_cli.solve.quadrature import stretches
+from robodyn_cli.solve.quadrature import pieces
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -251,7 +251,7 @@ def every_nth(times: Array, every: int) -> NDArray[np.int_]:
         return np.arange(len(times))
     parts = [
         (part, np.arange((part.samples - 1) % FEWER[-1], part.samples, max(every, 1)))
-        for part in stretches(times)
+        for part in pieces(times)
     ]
     return np.unique(np.concatenate([(part.first[:, None] + own).ravel() for part, own in parts]))
 

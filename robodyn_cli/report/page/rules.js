@@ -147,12 +147,13 @@ function powers(values, from) {
 
 /* Integrals of polynomials through samples y (T, n) from place to place, where they are positive (solve/quadrature.py). */
 function positiveParts([y, first, last, chosen], samples, most) {
-  const n = y.length / samples, out = new Float64Array(first.length * n), points = Math.min(most, samples);
+  const n = y.length / samples, out = new Float64Array(chosen.length), points = Math.min(most, samples);
+  const ofColumns = first.length * n > chosen.length; // else of rows, for all columns
   chosen.forEach((is, at) => {
     if (!is) return;
-    const row = Math.floor(at / n), begin = Math.min(Math.max(Math.floor(first[row]) - Math.floor(points / 2) + 1, 0), samples - points);
+    const row = ofColumns ? at : Math.floor(at / n), begin = Math.min(Math.max(Math.floor(first[row]) - Math.floor(points / 2) + 1, 0), samples - points);
     const near = Array.from({ length: points }, (_, k) => y[(begin + k) * n + (at % n)]), c = powers(near, first[row] - begin);
-    const end = last[row] - first[row], primitive = [0, ...c.map((own, k) => own / (k + 1))], cuts = [0, ...signChanges(c, 0, end), end];
+    const end = last[last.length > 1 ? row : 0] - first[row], primitive = [0, ...c.map((own, k) => own / (k + 1))], cuts = [0, ...signChanges(c, 0, end), end];
     for (let k = 1; k < cuts.length; k++) {
       if (polynomial(c, 0.5 * (cuts[k - 1] + cuts[k])) > 0) out[at] += polynomial(primitive, cuts[k]) - polynomial(primitive, cuts[k - 1]);
     }

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.motion.between.extremes import RecordedMotion
 from robodyn_cli.motion.build import build_motion, follow_latches
-from robodyn_cli.motion.extremes import RecordedMotion
 from robodyn_cli.motion.figures import recorded, with_figures, without_figures
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of

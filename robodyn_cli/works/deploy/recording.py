@@ -14,9 +14,9 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.motion.between.extremes import RecordedMotion, over_all
 from robodyn_cli.motion.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.motion.driver import Driver, Repeat
-from robodyn_cli.motion.extremes import RecordedMotion, over_all
 from robodyn_cli.motion.figures import loads_of
 from robodyn_cli.motion.joint_limits import LimitWatcher
 from robodyn_cli.motion.method import supervisor_for

@@ -20,7 +20,7 @@ from robodyn_cli.equations.discontinuities import is_of_time, switches, switchin
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.events import Jumped
 from robodyn_cli.integrators.runtime.options import Grid, Options
-from robodyn_cli.integrators.stepping.stepper import SLACK
+from robodyn_cli.motion.between.samples import CloseSamples, Steps, TurningTimes, unsure
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import FirstRun, driver_again
@@ -30,119 +30,23 @@ from robodyn_cli.observe.columns import (
     chosen_columns,
     over_both,
     refuse_missing,
-    values_of,
 )
 from robodyn_cli.observe.control import signals_of
-from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.solve.peaks import ROUNDED, Cut, Piece, Windows, pieces
+from robodyn_cli.solve.peaks import ROUNDED, Windows
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED as AGREED
 from robodyn_cli.summaries.apart import distance, with_others
 from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.motion import MotionErrors
+from robodyn_cli.torques.checks import turning
 
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
-NEAR = 6  # samples that a piece goes on by to its ends
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
+NONE = TurningTimes(np.zeros(0), np.zeros(0))
 LOADS = ("reactions/", "loop_reactions/")
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
-
-
-@record
-class Steps:
-    """The steps of an integration: knots (P + 1,) [s] where some of them end, events included, and their number."""
-
-    knots: Array
-    count: int
-
-
-@record
-class CloseSamples:
-    """Samples between the steps of an integration, and both sides of its events.
-
-    blocks : times, states and parameters. met : what changed at events. cuts : times [s] at which functions of time may
-    jump, of which no side is known. ends : of the motion [s]; stopped : by an event. steps : how many it took.
-    sparse : whether these are too many to be looked into: nothing tells what is between the samples.
-    """
-
-    observer: Observer
-    blocks: Sequence[Block]
-    met: Sequence[Jumped]
-    cuts: Sequence[float]
-    ends: tuple[float, float]
-    stopped: bool
-    steps: int
-    sparse: bool
-
-    def at_samples(self, columns: Sequence[ChosenColumn]) -> dict[str, Extremes]:
-        """Return the extremes of columns at the samples by name, with errors that are not known."""
-        parts, final = self.pieces(columns)
-        t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-
-        def at(row: int, k: int) -> tuple[float, float, float, float]:
-            return float(y[row, k]), 0.0, float(t[row]), 0.0
-
-        low, high = y.argmin(axis=0), y.argmax(axis=0)
-        return {
-            column.name: _unsure(column.extremes(at(low[k], k), at(high[k], k), float(final[k])))
-            for k, column in enumerate(columns)
-        }
-
-    def pieces(self, columns: Sequence[ChosenColumn]) -> tuple[list[Piece], Array]:
-        """Return the smooth pieces of columns, and their values at the end (n,)."""
-        values = values_of(self.observer, columns, self.blocks)
-        times = np.concatenate([t for t, _, _ in self.blocks])
-        final = values[-1]
-        known: list[Cut] = []
-        if self.met:
-            before = [(np.array([x.time]), x.before[None], x.parameters_before) for x in self.met]
-            behind = [(np.array([x.time]), x.behind[None], x.parameters_behind) for x in self.met]
-            sides = [values_of(self.observer, columns, side) for side in (before, behind)]
-            apart = np.array([*self.hidden, np.inf])
-            known = [
-                (one.time, *pair)
-                for one, *pair in zip(self.met, *sides)
-                if np.abs(apart - one.time).min() > ROUNDED * max(map(abs, self.ends))
-            ]
-        if self.stopped:  # of a sample there it is not known of which side it is
-            final = sides[1][-1]
-            inside = times < self.ends[1] - SLACK * max(map(abs, self.ends))
-            times, values = times[inside], values[inside]
-        cuts = sorted([*known, *((time, None, None) for time in self.hidden)], key=lambda cut: cut[0])
-        return list(pieces(times, values, cuts, self.ends)), final
-
-    @cached_property
-    def hidden(self) -> list[float]:
-        """Times [s] of jumps of which no side is known: what depends on time, or on a state that does not jump."""
-        return [*self.cuts, *(one.time for one in self.met if one.hidden)]
-
-    def moved(self, widths: Mapping[str, int]) -> Moved:
-        """Return the motion of the joints, whose datasets have so many columns; both sides of jumps are samples."""
-        columns = [ChosenColumn(path, path, (k,), "") for path, width in widths.items() for k in range(width)]
-        parts, _ = self.pieces(columns)
-        parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
-        both = [to_its_ends(*part) for part in parts if len(part[0])]
-        t, y = (np.concatenate([part[k] for part in both]) for k in (0, 1))
-        own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
-        return Moved.of({"time": t, **own}.__getitem__, ())
-
-
-def to_its_ends(t: Array, y: Array, begin: float, end: float) -> tuple[Array, Array]:
-    """Return a smooth piece with samples at its ends, by the polynomials through the nearest ones."""
-    near = min(NEAR, len(t))
-    for at, own, front in ((begin, slice(0, near), True), (end, slice(-near, None), False)):
-        nodes = t[own]
-        if (nodes == at).any():
-            continue
-        apart = nodes[:, None] - nodes[None, :] + np.eye(near)
-        gaps = np.where(np.eye(near) > 0.0, 1.0, (at - nodes)[None, :])
-        weights = np.prod(gaps / apart, axis=1)
-        value = (weights @ y[own])[None]
-        t = np.concatenate([[at], t]) if front else np.concatenate([t, [at]])
-        y = np.concatenate([value, y]) if front else np.concatenate([y, value])
-    return t, y
 
 
 @record
@@ -229,7 +133,7 @@ class RecordedMotion:
     @property
     def factor(self) -> float:
         """The part of the difference of the motion from the others that is its error."""
-        return float(remainder(self.first, np.array([other.steps for other in self.others])).max())
+        return float(remainder(self.first, np.array([other.of[-1].count for other in self.others])).max())
 
     def extremes(self, names: Sequence[str]) -> dict[str, Extremes]:
         """Return the extremes of those columns that the motion has, by name; raises what ``own`` does."""
@@ -241,15 +145,16 @@ class RecordedMotion:
         own = ColumnPeaks.of(self.own, columns)
         if not self.others:
             found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
-            return found if self.again is None else {name: _unsure(one) for name, one in found.items()}
+            return found if self.again is None else {name: unsure(one) for name, one in found.items()}
         others = [ColumnPeaks.of(other, columns) for other in self.others]
         return {
             column.name: own.beside(k, others, self.factor, self._rounded(column.path))
             for k, column in enumerate(columns)
         }
 
-    def first_beyond(self, name: str, limit: float) -> tuple[float, float] | None:
-        """Return when a column first passes a limit [s], and the error of that; None where no close sample does."""
+    def first_beyond(self, name: str, limit: float) -> tuple[float, float | None] | None:
+        """Return when a column first passes a limit [s], and the error of that, None where it may have done so between
+        samples before; None where no close sample does."""
         columns = chosen_columns(self.recorder, [name])
 
         def passed(samples: CloseSamples) -> tuple[float, float] | None:
@@ -259,6 +164,8 @@ class RecordedMotion:
             return (float(t[over[0]]), float(t[over[0]] - t[max(over[0] - 1, 0)])) if len(over) else None
 
         own = passed(self.own) if columns else None
+        if own is not None and self.own.sparse:
+            return own[0], None
         if own is None or self.again is None:
             return own
         others = [other[0] for other in map(passed, self.others) if other is not None]
@@ -268,8 +175,21 @@ class RecordedMotion:
         """Return the motion of the joints, and those of the other integrations with their factor; raises what ``own``
         does."""
         widths = {path: self.recorder.blocks[path][0].shape[1] for path in ("q", "qd", "qdd", "tau")}
-        again = ([other.moved(widths) for other in self.others], self.factor) if self.others else None
-        return self.own.moved(widths), again
+        if self.own.sparse:
+            return self.own.moved(widths), None
+        own, *others = (self._beside_turns(one, widths).moved(widths) for one in (self.own, *self.others))
+        return own, (others, self.factor) if others else None
+
+    def _beside_turns(self, samples: CloseSamples, widths: Mapping[str, int]) -> CloseSamples:
+        """Return samples of the same integration on both sides of where joints turn back: there losses jump, and pieces
+        of a few samples would tell little."""
+        problem = self.motion.problem
+        columns = turning(problem) if problem.scene.motorisation is None else set(range(problem.model.nv))
+        if samples.sparse or not columns:
+            return samples
+        turns = samples.turns(widths, sorted(columns))
+        few = 0 < len(turns.times) < MOST / FEWEST_IN_STEP
+        return self._close_samples(*samples.of, turns) if few else samples
 
     def _rounded(self, path: str) -> float:
         """Return what rounding is expected to leave in the columns of a dataset, as a part of the largest of them, and
@@ -309,8 +229,9 @@ class RecordedMotion:
         start()
         driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
         begin, end = run.beginning.time, run.end
-        times = np.unique([begin, *ended, *(event.time for event in driver.met), *self._cuts(run), end])
-        return Steps(times[(times >= begin) & (times <= end)], driver.counters.steps)
+        fixed = np.unique([begin, *(event.time for event in driver.met), *self._cuts(run), end])
+        within = [times[(times >= begin) & (times <= end)] for times in (np.array(ended), fixed)]
+        return Steps(within[0], within[1], driver.counters.steps)
 
     @cached_property
     def _of_signals(self) -> list[float]:
@@ -337,26 +258,37 @@ class RecordedMotion:
             times.append(time)
         return sorted(times)
 
-    def _close_samples(self, run: FirstRun, options: Options, steps: Steps) -> CloseSamples:
-        """Integrate with samples between the knots of the steps."""
+    def _close_samples(
+        self, run: FirstRun, options: Options, steps: Steps, turns: TurningTimes = NONE
+    ) -> CloseSamples:
+        """Integrate with samples between the knots of the steps, and on both sides of turns."""
         driver, start, watch = driver_again(self.motion, run, options)
-        stretches, count = max(len(steps.knots) - 1, 1), max(steps.count, 1)
+        stretches, count = max(len(steps.knots) - 1 + len(turns.times), 1), max(steps.count, 1)
         in_step = min(max(MANY / count, 2 * FEWEST_IN_STEP), IN_STEP) * max(1.0, count / stretches)
         inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
+        knots, sides = steps.beside(turns, inside)
         # samples of steps right behind an event may be as near as roundings, and say nothing beside each other
-        apart = np.diff(steps.knots) > inside * ROUNDED * float(np.abs(steps.knots).max())
-        knots = steps.knots[np.append(apart, True)]
+        apart = np.diff(knots) > inside * ROUNDED * float(np.abs(knots).max())
+        knots = knots[np.append(apart, True)]
         blocks: list[Block] = []
         met: list[Jumped] = []
         driver.met = met
         start()
         grid = Grid.between(knots, inside)
-        driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
+
+        def see(t: Array, x: Array) -> None:
+            last = np.searchsorted(sides[0], t) - 1  # none between the two sides of a turn
+            kept = (last < 0) | (t >= sides[1][last]) if sides.size else np.ones(len(t), dtype=bool)
+            if kept.any():
+                blocks.append((t[kept], x[kept], driver.parameters))
+
+        driver.run(run.end, grid, see, watch=watch)
         stopped = bool(met) and met[-1].time == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end
         sparse = inside * stretches < FEWEST_IN_STEP * steps.count
         cuts = self._cuts(run)
-        return CloseSamples(self.recorder.observer, blocks, met, cuts, ends, stopped, steps.count, sparse)
+        of = run, options, steps
+        return CloseSamples(self.recorder.observer, blocks, met, cuts, ends, stopped, sparse, of)
 
 
 def extremes_over(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:
@@ -392,9 +324,3 @@ def moved_over(motions: Sequence[RecordedMotion]) -> tuple[Moved, Accurate]:
 
 def _plus(error: float | None, more: float) -> float | None:
     return None if error is None else error + more
-
-
-def _unsure(found: Extremes) -> Extremes:
-    """Return extremes of which no second run tells the errors."""
-    fields = [field.name for field in dataclasses.fields(found.errors)]
-    return dataclasses.replace(found, errors=dataclasses.replace(found.errors, **dict.fromkeys(fields)))
