@@ -59,7 +59,7 @@ KEEPERS = {
     "expr/units.py: table",
     "fastest/profile.py: _passes",
     "over/sensitivity/motion/variational.py: integrals",
-    "solve/extremes.py: _to_powers",
+    "algorithms/polynomials.py: to_powers",
     "solve/quadrature.py: _weights",
     "summaries/keys.py: _headlines",
     "summaries/keys.py: fields_at",
