@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import xarray
     from typing_extensions import Unpack
 
+    from robodyn_cli.equations.problem import Problem
     from robodyn_cli.results.held import HeldColumns
     from robodyn_cli.results.report import Report
     from robodyn_cli.scene.types import Scene
@@ -102,7 +103,8 @@ class Result:
 
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the
-    root attributes of the HDF5 file; ``others`` are the entries of datasets that hold no numbers. ``status`` is
+    root attributes of the HDF5 file; ``others`` are the entries of datasets that hold no numbers; ``problem`` are the
+    equations of the scene where drawings may take those that a command has built, and is not stored. ``status`` is
     ``"ok"``, ``"locked"``, ``"no_lock"``, ``"overload"``, ``"undersized"``, ``"missed"`` or ``"failed"``.
     """
 
@@ -116,6 +118,7 @@ class Result:
     attributes: dict[str, Any] = dataclasses.field(default_factory=dict)
     others: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    problem: Problem | None = dataclasses.field(default=None, compare=False, repr=False)
 
     @staticmethod
     def of(command: str, scene: Scene, status: str = "ok") -> Result:

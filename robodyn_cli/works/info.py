@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
@@ -99,6 +100,8 @@ class InfoNumbers:
 
     def array(self, entries: Any) -> Array:
         """Return the values of expressions; NaN where data are missing."""
+        with contextlib.suppress(TypeError):  # of an expression, which is no number
+            return np.array(entries, dtype=float)
         entries = np.asarray(entries, dtype=object)
         numbers = [math.nan if x is None else x for x in self.values.of(list(entries.ravel()))]
         return np.array(numbers, dtype=float).reshape(entries.shape)
@@ -168,6 +171,8 @@ class InfoNumbers:
         """Return the state as a result of one sample, to draw."""
         problem = self.problem
         result = Result.of("info", problem.scene)
+        if not problem.scene.payloads:  # which drawings take as they are carried at first
+            result.problem = problem
         result.add("time", np.zeros(1))
         columns = joint_columns(problem.model)
         for path, values in (("q", self.q), ("qd", self.v)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
 from collections.abc import Iterator
@@ -29,6 +30,7 @@ from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, silhouette, s
 from robodyn_cli.report.registry import draw
 from robodyn_cli.report.style import styled
 from robodyn_cli.results.result import Result, evenly
+from robodyn_cli.works.info import info
 
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,
        "assemble": assemble}  # fmt: skip
@@ -397,7 +399,27 @@ def test_all_drawings_of_a_result_have_one_model(monkeypatch: pytest.MonkeyPatch
     first, second = make_drawing(result), make_drawing(result)
     assert paths_of(result) and traced_bodies(result, np.arange(3)) and len(built) == 1
     np.testing.assert_array_equal(first.vertices, second.vertices)
-    assert problem_of(result.scene_text).graph is not problem_of(result.scene_text).graph
+    assert problem_of(result).graph is not problem_of(result).graph
+
+
+@pytest.mark.parametrize("name", [*QUICK, "stewart_platform", "crane", "catching_arm"])
+def test_a_state_is_drawn_by_the_equations_of_its_report(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which draw what the stored scene gives, to the bit; payloads are drawn by the stored scene."""
+    path = next(path for path in SCENES if path.stem == name)
+    result = info(path)
+    stored = dataclasses.replace(result, problem=None)
+    assert (result.problem is None) == bool(load_scene(path).payloads)
+    expected = make_drawing(stored)
+    if result.problem is not None:
+        monkeypatch.setattr(build, "build_model", None)
+        build._model_of.cache_clear()
+        build._stored_scene.cache_clear()
+    found = make_drawing(result)
+    for array in ("vertices", "axes", "gravity"):
+        np.testing.assert_array_equal(getattr(found, array), getattr(expected, array))
+    assert [found.parts, found.pins, found.masses, found.flat] == [
+        expected.parts, expected.pins, expected.masses, expected.flat
+    ]  # fmt: skip
 
 
 def test_results_without_poses_say_so() -> None:

@@ -51,7 +51,7 @@ KEEPERS = {
     "kernels/compiler.py: machine",
     "kernels/rolled/recursion.py: make_recursion",
     "report/drawing/build.py: _model_of",
-    "report/drawing/build.py: scene_of",
+    "report/drawing/build.py: _stored_scene",
     "report/drawing/strokes.py: _lit",
     "report/figures.py: _columns",
     "results/summary.py: cpu_name",

@@ -102,7 +102,7 @@ def _require_scene(path: Path, result: Result) -> None:
 
     try:
         if has_poses(result):
-            scene_of(result.scene_text)
+            scene_of(result)
     except CapabilityError as error:
         raise CapabilityError(f"{path}: {error.message}") from error
 

@@ -149,7 +149,7 @@ def _transforms(result: Result) -> Iterator[Message]:
 
 def _poses(result: Result) -> dict[str, tuple[Array, Array]]:
     """Return positions (T, 3) [m] and unit quaternions (T, 4), scalar first, of links and frames in the world."""
-    problem = problem_of(result.scene_text)
+    problem = problem_of(result)
     functions, poses = ModelFunctions(problem), {}
     for name in {**problem.model.links, **problem.model.frames}:
         p, R = functions.forward_kinematics(name, result["q"])

@@ -48,7 +48,7 @@ def traced_bodies(result: Result, samples: Array) -> list[TracedBody]:
     ------
     CapabilityError : this version cannot read its scene.
     """
-    problem = problem_of(result.scene_text)
+    problem = problem_of(result)
     model = problem.model
     q = result["q"][samples]
     moving = "qd" in result and result["qd"].shape[1] == model.nv

@@ -50,14 +50,18 @@ INSTANTS = 9  # at which distances of joints are measured
 FAR = 1e30  # distance of the nearest other joint, where there is none [m]
 
 
-@functools.lru_cache(maxsize=2)  # a result is asked whether it can be drawn, and then drawn
-def scene_of(text: str) -> Scene:
-    """Return the scene that is stored in a result.
+def scene_of(result: Result) -> Scene:
+    """Return the scene of a result.
 
     Raises
     ------
     CapabilityError : this version cannot read it.
     """
+    return _stored_scene(result.scene_text) if result.problem is None else result.problem.scene
+
+
+@functools.lru_cache(maxsize=2)  # a result is asked whether it can be drawn, and then drawn
+def _stored_scene(text: str) -> Scene:
     try:
         return load_scene_text(text)
     except RobodynError as error:
@@ -66,18 +70,20 @@ def scene_of(text: str) -> Scene:
 
 @functools.lru_cache(maxsize=2)
 def _model_of(text: str) -> Model:
-    return build_model(scene_of(text))
+    return build_model(_stored_scene(text))
 
 
-def problem_of(text: str) -> Problem:
-    """Return the equations of the scene that is stored in a result, in a graph of their own; their model, which takes
-    most of the time, is built once for all drawings.
+def problem_of(result: Result) -> Problem:
+    """Return the equations of the scene of a result: those that it holds, or else some in a graph of their own; their
+    model, which takes most of the time, is built once for all drawings.
 
     Raises
     ------
     CapabilityError : this version cannot read it.
     """
-    scene, model = scene_of(text), _model_of(text)
+    if result.problem is not None:
+        return result.problem
+    scene, model = _stored_scene(result.scene_text), _model_of(result.scene_text)
     # symbols of missing data are in the model's own graph
     return Problem(scene, model=None if model.graph.nodes else dataclasses.replace(model, graph=Graph()))
 
@@ -108,12 +114,12 @@ def require_poses(result: Result) -> None:
             f"a result of '{result.command}' has no poses to draw; allowed: a result of inverse, simulate, deploy, "
             "kinematics, reach, statics or assemble"
         )
-    scene_of(result.scene_text)
+    scene_of(result)
 
 
 def gravity_of(result: Result) -> Array:
     """Return gravity (3,) in the world [m/s^2] by the scene of a result that can be drawn."""
-    return np.array(scene_of(result.scene_text).gravity, dtype=float)
+    return np.array(scene_of(result).gravity, dtype=float)
 
 
 def make_drawing(result: Result, samples: Sequence[int] | Array | None = None) -> Drawing:
@@ -136,8 +142,8 @@ def drawing_of(
 
     samples : where in the result these are, if they are samples of it; then loads and paths are drawn too.
     """
-    scene = scene_of(result.scene_text)
-    problem = problem_of(result.scene_text)
+    scene = scene_of(result)
+    problem = problem_of(result)
     model = problem.model
     if q.shape[1] != model.nq:
         raise CapabilityError(f"the result has {q.shape[1]} joint coordinates, its scene {model.nq}")
@@ -247,7 +253,7 @@ def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[
     paths = {name: _broken(result, name, path) for name, path in moving_paths(result).items()}
     if not paths or len(result.time) >= FINE or not can_draw(result):
         return paths
-    problem = problem or problem_of(result.scene_text)
+    problem = problem or problem_of(result)
     between = motion_between(result, problem)
     if between is None:
         return paths
