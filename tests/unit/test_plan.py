@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.commands import SCENE_COMMANDS, places
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.kernels.program import Program
@@ -447,6 +448,22 @@ def test_of_a_large_model_one_set_of_equations_is_there_at_a_time(
     before, own, end = (count - others for count in seen)
     assert before < 50 * n, "the general equations are gone"
     assert own > 200 * n and end < 1.2 * own
+
+
+def test_accelerations_of_a_large_model_are_built_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For the choice of the way to them, and for the counts; those of other equations are in other graphs."""
+    solved: list[Problem] = []  # which keeps them, so that no two have the same identity
+    ways = Problem.ways_to_accelerations
+
+    def counted(problem: Problem, f: Any) -> Any:
+        solved.append(problem)
+        return ways(problem, f)
+
+    monkeypatch.setattr(Problem, "ways_to_accelerations", counted)
+    found = plan(load_scene_text(long_chain(40, "")), "simulate")
+    assert solved and len(set(map(id, solved))) == len(solved)
+    (choice,) = (c for c in found["choices"] if c["choice"] == "accelerations")
+    assert choice["operations"] == {"articulated bodies": found["operations"]}
 
 
 def test_large_models_are_counted_as_a_whole_only(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.decision import Decision
-from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.problem import DENSE_LIMIT, Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, count_operations, free_symbols
 from robodyn_cli.formulations.build import build_system, expanded_rates
@@ -55,12 +55,13 @@ def solver(problem: Problem) -> Decision:
         if problem.braces:
             reason += "; inertias along the rows of the loops, since the opened tree's M has no inverse or a bad one"
         return Decision(quantity, "factored mass matrix", reason)
+    if problem.model.nv > DENSE_LIMIT:
+        reason = f"{problem.model.nv} joints: the factored mass matrix grows with their cube"
+        name = "articulated bodies"
+        return Decision(quantity, name, reason, {name: count_operations(list(problem.forward.qdd))})
     ways = problem.ways_to_accelerations(problem.applied - problem.bias)
     counts = {name: count_operations(list(a)) for name, a in ways.items()}
-    reason = "fewer operations"
-    if len(counts) == 1:
-        reason = f"{problem.model.nv} joints: the factored mass matrix grows with their cube"
-    return Decision(quantity, min(counts, key=counts.__getitem__), reason, counts)
+    return Decision(quantity, min(counts, key=counts.__getitem__), "fewer operations", counts)
 
 
 PROJECTION = "projection"
