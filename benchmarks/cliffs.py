@@ -1,12 +1,15 @@
-"""Cliffs: what each command, and a study of it, takes for every example scene; the slowest ten, with their reason.
+"""Cliffs: what each command, and each study, takes for every example scene; the slowest ten, with their reason.
 
-    python benchmarks/cliffs.py [--scenes NAME ...] [--most SECONDS] [--repeats N] [--quick] [--json FILE]
+    python benchmarks/cliffs.py [--scenes NAME ...] [--commands NAME ...] [--most SECONDS] [--repeats N] [--quick]
+                                [--json FILE]
 
 Each figure is a process from start to end once all is compiled, in seconds of the processor: the median of several,
-with their range (the first, which compiles, does not count). Plots are left out. There are the scene's own command,
-``info``, ``plan``, ``validate``, and ``sweep`` of its command over its first mass, by the run. A process that takes
+with their range (the first, which compiles, does not count). Plots are left out, but where they are the work. Every
+command is tried on every scene, or on the result of the scene's own command; what refuses a scene has no row.
+``sweep`` is of the scene's own command over its first mass, by the run. A process that takes
 longer than ``--most`` is stopped and counts as that. The reason is what the run itself says: the stage of its summary
-that took longest, of a study how many runs were whole commands.
+that took longest, of a study how many runs were whole commands. Commands whose work is many runs of every method
+(``stability``, ``work-precision``) have a table of their own.
 """
 
 from __future__ import annotations
@@ -27,7 +30,33 @@ import measure
 SHOWN = 10
 STOPPED = -1  # exit code of a process that takes too long
 RUNS = 50
-LOOKS = ("validate", "info", "plan")
+MOTIONS = ("inverse", "simulate", "deploy", "kinematics", "statics", "assemble", "reach", "linearise", "size")
+# what stands after the scene, or in its place; {result} is a folder with the result of its own command, {out} a new one
+WORDS = {
+    **dict.fromkeys(MOTIONS, "{scene} --no-plots --out {out}"),
+    **dict.fromkeys(("validate", "info", "plan"), "{scene}"),
+    "sweep": "{scene} --no-plots --out {out} --vary {mass}=linspace({low},{high},50)",
+    "sensitivity": "{scene} --no-plots --out {out} --to {mass} --of {figure}",
+    "optimise": "{scene} --no-plots --out {out} --vary {mass}=uniform({low},{high}) --minimise {figure}",
+    "equations": "{scene} --quiet",
+    "crosscheck": "{scene} --no-plots --with mujoco",
+    "export --c": "{scene} --c {out}",
+    "export --loop": "{scene} --c {out} --loop",
+    "export --fmu": "{scene} --fmu {out}.fmu",
+    "export --to mjcf": "{scene} --to mjcf --out {out}",
+    "export --to csv": "{result} --to csv --out {out}",
+    "check": "{result}",
+    "plot": "{result} --out {out}",
+    "report": "{result} --file {out}.html",
+    "animate": "{result} --file {out}.png",
+    "stability": "{scene} --no-plots --out {out}",
+    "work-precision": "{scene} --no-plots --out {out} --repeats 1",
+}  # fmt: skip
+METHODS = ("stability", "work-precision")
+QUICK_COMMANDS = ("inverse", "simulate", "sweep")
+# a figure of each command to derive and to search for
+FIGURES = {"inverse": "rms_torque.{joint}", "simulate": "final.q.{joint}", "deploy": "lock.time"}
+REFUSED = (2, 64)
 QUICK = ("configs/2r_circle.yaml", "configs/double_pendulum.yaml")
 WHOLE = re.compile(r"(\d+) of (\d+) runs were whole commands")
 
@@ -38,21 +67,23 @@ def scenes() -> list[Path]:
     return [file for file in files if re.search(r"^command:", file.read_text(encoding="utf-8"), re.M)]
 
 
-def mass_of(file: Path) -> str | None:
-    """Return the first mass of a scene that a study can vary, with its range; None where there is none."""
+def names_of(file: Path, command: str) -> dict[str, str]:
+    """Return what the words of commands name of a scene: its first mass with a range about it, a joint, a figure."""
     from robodyn_cli import load_scene
     from robodyn_cli.errors import RobodynError
 
     try:
         scene = load_scene(file)
     except RobodynError:
-        return None
+        return {}
+    found = {"joint": scene.robot.joints[0].name}
     link = next((x for x in scene.robot.links if x.mass), None)
-    if link is None:
-        return None
-    return (
-        f"robot.links.{link.name}.mass=linspace({0.99 * float(link.mass)}, {1.01 * float(link.mass)}, {RUNS})"
-    )
+    if link is not None:
+        low, high = 0.99 * float(link.mass), 1.01 * float(link.mass)
+        found |= {"mass": f"robot.links.{link.name}.mass", "low": str(low), "high": str(high)}
+    if command in FIGURES:
+        found["figure"] = FIGURES[command].format(**found)
+    return found
 
 
 def process(line: list[str], most: float, environment: dict[str, str]) -> tuple[float, str, int]:
@@ -83,37 +114,40 @@ def reason(out: Path, said: str) -> str:
 
 
 def measured(
-    file: Path, command: str, options: argparse.Namespace, environment: dict[str, str]
+    command: str, names: dict[str, str], options: argparse.Namespace, environment: dict[str, str]
 ) -> dict[str, Any] | None:
     """Return the row of a command on a scene; None where it does not take the scene."""
-    runs, more = 1, ["--no-plots"]
-    if command in LOOKS:
-        more = []
-    elif command == "sweep":
-        mass = mass_of(file)
-        if mass is None:
-            return None
-        runs, more = RUNS, ["--no-plots", "--vary", mass]
+    runs = RUNS if command == "sweep" else 1
 
     def once() -> tuple[float, str, int]:
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "out"
-            place = [] if command in LOOKS else ["--out", str(out)]
-            seconds, said, code = process([command, str(file), *more, *place], options.most, environment)
+            words = [word.format(**names, out=out) for word in WORDS[command].split()]
+            seconds, said, code = process([command.split()[0], *words], options.most, environment)
             if code == 70:
-                raise RuntimeError(f"{command} {file.name}: {said.strip().splitlines()[-1]}")
+                raise RuntimeError(f"{command}: {said.strip().splitlines()[-1]}")
             return seconds / runs, reason(out, said), code
 
-    first = once()
-    if first[2] in (1, 2, 64):
+    try:
+        first = once()
+    except KeyError:  # no mass to vary, no figure to derive
         return None
-    name = str(file.relative_to(measure.ROOT))
+    if first[2] in REFUSED:
+        return None
+    name = str(Path(names["scene"]).relative_to(measure.ROOT))
     found = [first]
     if first[2] != STOPPED:
         found = measure.repeated(f"{command} {name}", once, lambda x: x[0], options.repeats)
     seconds, *ends, repeats = measure.Spread.of([x[0] for x in found])
     row = {"scene": name, "command": command, "seconds": seconds, "range": ends, "repeats": repeats}
     return {**row, "runs": runs, "reason": found[-1][1]}
+
+
+def shown(rows: list[dict[str, Any]]) -> str:
+    """Return the table of the slowest of these rows."""
+    slowest = sorted(rows, key=lambda row: -row["seconds"])[:SHOWN]
+    head = ["scene", "command", "most of it", "seconds a run"]
+    return measure.table([head, *([r["scene"], r["command"], r["reason"], told(r)] for r in slowest)], left=3)
 
 
 def told(row: dict[str, Any]) -> str:
@@ -123,6 +157,7 @@ def told(row: dict[str, Any]) -> str:
 def main() -> None:
     parser = measure.command_line(__doc__)
     parser.add_argument("--scenes", nargs="+", metavar="NAME", help="those whose path contains one of these")
+    parser.add_argument("--commands", nargs="+", metavar="NAME", choices=WORDS, help="these alone")
     parser.add_argument(
         "--most", type=float, default=60.0, help="seconds by the clock that a process may take"
     )
@@ -130,21 +165,26 @@ def main() -> None:
     files = [measure.ROOT / name for name in QUICK] if options.quick else scenes()
     if options.scenes:
         files = [x for x in files if any(name in str(x) for name in options.scenes)]
+    commands = options.commands or (QUICK_COMMANDS if options.quick else WORDS)
     measure.print_machine()
-    with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as cache:
-        environment = {**os.environ, "ROBODYN_CACHE": cache, "PYTHONPATH": measure.search_path()}
-        for file in files:
-            own = re.search(r"^command: *(\w+)", file.read_text(encoding="utf-8"), re.M)
-            commands = [own[1] if own else "simulate", "sweep"]
-            for command in commands if options.quick else [*commands, *LOOKS]:
+    with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "ROBODYN_CACHE": f"{folder}/cache", "PYTHONPATH": measure.search_path()}
+        for k, file in enumerate(files):
+            own = re.findall(r"^command: *(\w+)", file.read_text(encoding="utf-8"), re.M)[0]
+            result = f"{folder}/{k}"
+            names = {**names_of(file, own), "scene": str(file)}
+            made = process([own, str(file), "--no-plots", "--out", result], options.most, environment)
+            if made[2] not in (*REFUSED, STOPPED):
+                names["result"] = result
+            for command in commands:
                 with report.part(f"{command} {file.name}"):
-                    row = measured(file, command, options, environment)
+                    row = measured(command, names, options, environment)
                     if row is not None:
                         report.rows.append(row)
-        slowest = sorted(report.rows, key=lambda row: -row["seconds"])[:SHOWN]
-        head = ["scene", "command", "most of it", "seconds a run"]
-        body = [[r["scene"], r["command"], r["reason"], told(r)] for r in slowest]
-        print("\n" + measure.table([head, *body], left=3))
+        print("\n" + shown([row for row in report.rows if row["command"] not in METHODS]))
+        by_methods = [row for row in report.rows if row["command"] in METHODS]
+        if by_methods:
+            print("\n" + shown(by_methods))
 
 
 if __name__ == "__main__":

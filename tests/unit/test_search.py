@@ -72,6 +72,16 @@ def arm(text: str = ARM) -> Family:
 
 
 # -- known answers ------------------------------------------------------------------------------------------
+def test_outputs_that_do_not_change_take_few_runs() -> None:
+    """A count that stays at its bound leaves nothing to follow but rounding, which has no end."""
+    vary = {"robot.links.band.mass": "uniform(0.99, 1.01)"}
+    keep = {"transitions.slip": ">= 3"}
+    family = Family(ROOT / "configs" / "stick_slip.yaml")
+    result, ended, maker = searched(family, vary=vary, minimise="final.q.belt", keep=keep)
+    assert len(maker.points) <= 60
+    assert abs(result.summary["figures"]["final.q.belt"]["value"] - 2.4) < 1e-11
+
+
 def test_a_spring_of_zero_free_length_carries_an_arm() -> None:
     result, *_ = searched(Family(EXAMPLES / "spring_balance.yaml"))
     key = result.summary["keys"][STIFFNESS]

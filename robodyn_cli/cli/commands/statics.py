@@ -15,13 +15,15 @@ from robodyn_cli.cli.words import (
 )
 from robodyn_cli.summaries.facts import STIFFNESS
 
+SMALLEST = 3  # values of the stiffness that are told
+
 
 def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence[str] = ()) -> str:
     """Return the summary of a static analysis."""
     facts = summary["equilibrium"]
     lines = [f"{summary['title']}"]
     if summary["find"] == "balance":
-        lines.append(f"  balanced           {facts['stability']}{_stiffness(summary)}")
+        lines.append(f"  balanced           {facts['stability']}{_stiffness(summary, verbose)}")
         off = summary["error_estimate"].get("holding", {})
         lines += holding_lines(facts.get("holding", {}), off, summary["units"])
     else:
@@ -32,19 +34,21 @@ def describe(summary: Mapping[str, Any], verbose: bool = True, figures: Sequence
     return "\n".join(lines)
 
 
-def _stiffness(summary: Mapping[str, Any]) -> str:
-    """Return the reduced stiffness in words: in the unit of the coordinates that are free where they have one."""
+def _stiffness(summary: Mapping[str, Any], verbose: bool) -> str:
+    """Return the reduced stiffness in words: in the unit of the coordinates that are free where they have one.
+
+    Of many values the smallest are told, which say whether the balance is stable, unless all are asked for."""
     facts = summary["equilibrium"]
     if not facts["stiffness"]:
         return ""
     error = facts["stiffness_error"]
-    values = ", ".join(
-        str(complex(*x)) if isinstance(x, list) else stated(x, error) for x in facts["stiffness"]
-    )
+    told = facts["stiffness"] if verbose else facts["stiffness"][:SMALLEST]
+    values = ", ".join(str(complex(*x)) if isinstance(x, list) else stated(x, error) for x in told)
+    more = len(facts["stiffness"]) - len(told)
     free = [unit for name, unit in summary["units"].items() if name not in facts.get("holding", {})]
     kinds = {"rad" if unit == "1" else unit for unit in free}  # coordinates of an attitude have the unit 1
     unit = STIFFNESS(kinds.pop() if len(kinds) == 1 else "")
-    return f"; reduced stiffness {values} {unit}"
+    return f"; reduced stiffness {values} {unit}" + (f" and {more} larger; -v tells all" if more else "")
 
 
 EXAMPLES = (

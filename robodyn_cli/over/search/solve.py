@@ -23,6 +23,8 @@ LAST_STEP = 1e-10  # of the keys: a shorter one is the last, as the next would b
 CLOSE = 1e-15  # of scaled numbers: a solver stops when it moves no more
 LEAST_CHANGE = 1e-13  # of the scaled output that is minimised, below which its solver stops
 INSIDE = 1e-9  # of the size of an output, by which a constraint is kept beside the error of the run
+LEVEL = 12  # points in a row that differ by no more than the errors of their runs: a solver learns nothing from more
+ROUNDED = 1e-14  # of an output: what runs differ by that are the same
 FAILING = 10.0  # times the sizes of outputs: what a failing run counts as, so that the next step is shorter
 WELL_MET = 1e-3  # of the error of a run, within which a target needs no further step
 MISSED = 1e-6  # of the size of an output: a target without a tolerance of its own is missed beyond
@@ -183,6 +185,8 @@ class Solver:
         try:
             with np.errstate(all="ignore"):
                 converged, why = self._solve()
+        except LevelGround:
+            converged, why = True, f"the last {LEVEL} runs differ by no more than their errors"
         except NoWay as end:
             converged, why = False, str(end)
         return SolverWay(self.scaled, tuple(self.points), tuple(self.derived), converged, why)
@@ -210,7 +214,20 @@ class Solver:
             self._last[key] = point
             if point.is_good:
                 self._good = point
+            if self._is_level():
+                raise LevelGround
         return self._last[key]
+
+    def _is_level(self) -> bool:
+        """Tell whether the last points have the same outputs within the errors of their runs."""
+        last = self.points[-LEVEL:]
+        if len(last) < LEVEL or not all(point.is_good for point in last):
+            return False
+        scaled = self.scaled
+        rows = [*scaled.goal.outputs, *(limit.output for limit in scaled.search.limits)]
+        y, error = (np.array(values)[:, rows] for values in ([p.y for p in last], [p.error for p in last]))
+        least = np.nan_to_num(error).max(axis=0) + ROUNDED * np.abs(y).max(axis=0)
+        return bool((np.ptp(y, axis=0) <= least).all())
 
     def _jacobian(self, u: Array) -> Array:
         point = self._at(u)
@@ -285,6 +302,10 @@ class Solver:
             options={"ftol": LEAST_CHANGE, "maxiter": MOST_STEPS},
         )  # fmt: skip
         return bool(found.success), "" if found.success else str(found.message)
+
+
+class LevelGround(Exception):
+    """Outputs no longer change by more than the runs tell."""
 
 
 class Met(Exception):
