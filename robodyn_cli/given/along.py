@@ -9,10 +9,10 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import lead_of
-from robodyn_cli.given.motion import Planned, by_columns, plan_motion
+from robodyn_cli.given.motion import Planned, by_columns, motion_near, plan_motion
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.course import Course, course_through, interpolated
+from robodyn_cli.trajectories.course import Course, interpolated
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -89,8 +89,7 @@ class MotionAlong:
         """Add the motion at those times that it is not known at; False where that is not possible."""
         new = times[~np.isin(times, known.times)]
         if new.size and known.near is not None:
-            q, v, a = by_columns(self.problem.model, known.motion)
-            found = known.near(new, course_through(known.times, q, v, (a, a))(new))
+            found = motion_near(self.problem.model, known, new)
             if found is None:
                 return False
             every = np.concatenate([known.times, new])

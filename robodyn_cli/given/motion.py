@@ -146,22 +146,53 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
         return Planned(times, own.motion(times, model.q_names, scene.parameters))
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
-    task = point_task(problem)
-    followed = follow_point(task, times, compile_point)
+    followed = follow_point(point_task(problem), times, compile_point)
     counters = (
         {"ik_iterations": followed.iterations, "ik_steps": followed.steps} if followed.iterations else {}
     )
-    wanted = task.target(times)
-    target, axes = in_world(model, task.moving, wanted.p, wanted.R, followed.motion.q)
-    return Planned(
+    planned = Planned(
         times,
         followed.motion,
         trajectory.point,
-        target,
-        axes,
-        followed.method,
+        method=followed.method,
         counters=counters,
         near=followed.near,
+    )
+    return _with_target(problem, planned)
+
+
+def _with_target(problem: Problem, planned: Planned) -> Planned:
+    """Return the motion of an open chain with where its point is asked to be."""
+    from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
+
+    model, trajectory, parameters = problem.model, problem.scene.trajectory, problem.scene.parameters
+    wanted = target_of(model, trajectory, planned.times, parameters)
+    moving = moving_reference(model, trajectory)
+    target, axes = in_world(model, moving, wanted.p, wanted.R, planned.motion.q)
+    return dataclasses.replace(planned, target=target, axes=axes)
+
+
+def motion_near(model: Model, known: Planned, times: Array) -> JointMotion | None:
+    """Return a known motion at other times (T,) within it, all solved at once from where polynomials through what is
+    known put it; None where it has to be followed (see ``Planned.near``)."""
+    if known.near is None:
+        return None
+    from robodyn_cli.trajectories.course import course_through
+
+    q, v, a = by_columns(model, known.motion)
+    return known.near(times, course_through(known.times, q, v, (a, a))(times))
+
+
+def plan_near(problem: Problem, known: Planned, times: Array) -> Planned | None:
+    """Return what ``plan_motion`` gave at other times (T,); None where it has to be followed, as with loops, whose
+    residuals are those of the samples."""
+    if known.near is None or problem.model.closures:
+        return None
+    motion = motion_near(problem.model, known, times)
+    return (
+        None
+        if motion is None
+        else _with_target(problem, dataclasses.replace(known, times=times, motion=motion))
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.given.motion import Planned, knot_places
+from robodyn_cli.given.motion import Planned, knot_places, motion_near, plan_near
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.places import FORCES, add_places
 from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
@@ -44,6 +44,7 @@ from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled
 
 if TYPE_CHECKING:
     from robodyn_cli.observe.reactions import Loads
+    from robodyn_cli.trajectories.motion import JointMotion
 
 MOST_ROWS = 10_000_000  # of a table for a controller
 ROUNDED = 1e-12  # of a number of periods
@@ -195,7 +196,8 @@ def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tupl
     """Return the motion where figures are looked at (see ``looked_at``), if it has values there, else its samples."""
 
     def plan(times: Array) -> Planned:
-        return planned if np.array_equal(times, planned.times) else planned_at(program, times)
+        same = np.array_equal(times, planned.times)
+        return planned if same else _planned_near(program, planned, times) or planned_at(program, times)
 
     try:
         closer = looked_at(program, len(sampled.times), plan)
@@ -207,9 +209,22 @@ def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tupl
 def looked_at(program: InverseProgram, samples: int, plan: Callable[[Array], Planned]) -> Planned:
     """Return the motion where figures are looked at, as it is planned for times (T,): from knot to knot, and cut where
     joints turn back too near to these for a break."""
-    planned = plan(program.looked_at(samples))
-    turns = crowded_turns(program.problem, planned.times, planned.motion, lambda t: program.plan(t).motion)
-    return plan(program.looked_at(samples, turns)) if turns else planned
+    problem, planned = program.problem, plan(program.looked_at(samples))
+
+    def at(times: Array) -> JointMotion:
+        return motion_near(problem.model, planned, times) or program.plan(times).motion
+
+    turns = crowded_turns(problem, planned.times, planned.motion, at)
+    if not turns:
+        return planned
+    times = program.looked_at(samples, turns)
+    return _planned_near(program, planned, times) or plan(times)
+
+
+def _planned_near(program: InverseProgram, known: Planned, times: Array) -> Planned | None:
+    """Return the motion at times (T,) from what is known of it; None where it has to be followed."""
+    found = plan_near(program.problem, known, times)
+    return None if found is None else at_rest(program.problem, found)
 
 
 def planned_at(program: InverseProgram, times: Array) -> Planned:

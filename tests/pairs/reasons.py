@@ -8,7 +8,7 @@ import re
 REASONS: dict[str, str] = {
     # what a joint, a gear and a drive fit
     r"is fixed: it takes no|joint '\w+' is fixed; allowed": "a fixed joint has no forces, limits or drives",
-    r"acts on one coordinate, and this joint turns or moves|holds single coordinates at rest|has no forwards|is floating: it takes no|is spherical: it takes no":
+    r"acts on one coordinate, and this joint turns or moves|holds single coordinates at rest|has no forwards|is floating: it takes no|is spherical: it takes no|at_limit\.\w+\.rpy":
         "limits, stops, gears, motors and sticking act on a coordinate, which balls and free bodies have none of",
     r"allowed: joints with one coordinate": "motors drive joints with one coordinate",
     r"this gear moves a slide|this gear turns|needs a gear that moves a slide": "a gear fits its joint: a screw moves a slide",

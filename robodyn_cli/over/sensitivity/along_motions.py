@@ -136,8 +136,11 @@ class InverseSlopes:
         samples = scene.inverse.samples
         # where a joint turns back moves with a key, and a cut there with it
         cut = turning(program.problem) and scene.trajectory is not None
-        times = looked_at(program, samples, program.plan).times if cut else program.looked_at(samples)
-        return LedCourse.of(program.problem, times, lead)
+
+        def times() -> Array:
+            return looked_at(program, samples, program.plan).times if cut else program.looked_at(samples)
+
+        return LedCourse(program.problem, times, lead)
 
     @cached_property
     def _wanted(self) -> set[str]:

@@ -10,6 +10,7 @@ and of what is led, and their rates,
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -17,13 +18,13 @@ from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.many import ByKeys
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of
 from robodyn_cli.given.motion import plan_motion
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import NARROWER, extrapolated
 from robodyn_cli.over.sensitivity.gradients import Along, MotionGradients
-from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import SINGULAR
 from robodyn_cli.spatial.algebra import Array, identity
@@ -33,21 +34,24 @@ WIDEST = 1e-3  # part of a key's value by which it is changed
 LEVELS = 3
 ROUNDED = 1e-14  # of the largest entry of an array
 JUMPS = 1e-5  # error of a derivative, of the largest one, beyond which what is asked jumps at a sample
+LOADS = ("robot.links.", "forces.", "gravity")  # keys of what moves along, and of what acts on it
 Arrays = Sequence[Array]
 
 
-def given_changes(asked: AskedSlopes, numbers: Sequence[int], give: Callable[[Scene], Arrays]) -> list[Array]:
+def given_changes(
+    asked: AskedSlopes, numbers: Sequence[int], own: Arrays, give: Callable[[Scene], Arrays]
+) -> list[Array]:
     """Return the derivatives (..., K) of arrays that a scene gives, by some of the keys.
 
     Parameters
     ----------
-    give : the arrays of a scene: formulas of its numbers, without anything that is solved.
+    own : the arrays of the scene as it stands. give : those of a scene: formulas of its numbers, without anything that
+        is solved.
 
     Raises
     ------
     CapabilityError : an array jumps.
     """
-    own = give(asked.scene)
     changes = [np.zeros((*x.shape, len(numbers))) for x in own]
     if _alike(own, give(asked.changed(numbers, WIDEST))):
         return changes
@@ -86,21 +90,25 @@ def _alike(one: Arrays, two: Arrays) -> bool:
     return all(x.shape == y.shape and np.array_equal(x, y) for x, y in zip(one, two))
 
 
-@record
 class LedCourse:
-    """What a scene asks of its motion at times (T,): of the joints or the point that lead, or of all joints."""
+    """What a scene asks of its motion at times (T,): of the joints or the point that lead, or of all joints.
 
-    problem: Problem
-    times: Array
-    lead: Lead | None
+    Parameters
+    ----------
+    times_of : gives the times, which may take a motion that is followed. lead : without it the trajectory leads an open
+        chain, a point of it or all joints.
+    """
 
-    @staticmethod
-    def of(problem: Problem, times: Array, lead: Lead | None) -> LedCourse:
-        """Return it; without a ``lead`` the trajectory leads an open chain, a point of it or all joints."""
+    def __init__(self, problem: Problem, times_of: Callable[[], Array], lead: Lead | None) -> None:
         point = lead is None and isinstance(problem.scene.trajectory, TaskSpaceTrajectory)
-        return LedCourse(problem, times, lead_of(problem) if point else lead)
+        self.problem, self._times_of = problem, times_of
+        self.lead = lead_of(problem) if point else lead
 
-    @property
+    @cached_property
+    def times(self) -> Array:
+        return self._times_of()
+
+    @cached_property
     def arrays(self) -> list[Array]:
         """The times, and positions or values, rates and accelerations (T, k) that are asked for."""
         if self.lead is not None:
@@ -135,7 +143,7 @@ class LedSlopes:
         self.places = asked.places(numbers)
         self.motion: LedMotion | None = None
         if self.course.lead is not None:
-            self.motion = LedMotion(self.course.problem, self.course.lead, self.course.times, self.places)
+            self.motion = LedMotion(self.course.problem, self.course.lead, self.places)
 
     @property
     def programs(self) -> list[Program]:
@@ -148,11 +156,32 @@ class LedSlopes:
             raise CapabilityError(
                 "a prescribed motion changes, and only those of trajectories have exact derivatives"
             )
-        dt, *given = given_changes(self.asked, self.numbers, lambda scene: self.course_of(scene).arrays)
+        dt, *given = self._given_changes()
         if self.motion is None:
             return {"t": dt[:, None], **dict(zip(("q", "v", "a"), given))}
         along = self.motion.gradients(groups)
         return self.motion.changes(along, dt[:, None], [*given, self.course.arrays[1]])
+
+    def _given_changes(self) -> list[Array]:
+        """Return the derivatives of the times, and of what is asked for, by the keys."""
+        own = self.course.arrays
+        found = [np.zeros((*x.shape, len(self.numbers))) for x in own]
+        moving = [place for place, k in enumerate(self.numbers) if not self._leaves_the_motion(k)]
+        if moving:
+            some = [self.numbers[place] for place in moving]
+            changes = given_changes(self.asked, some, own, lambda scene: self.course_of(scene).arrays)
+            for array, change in zip(found, changes):
+                array[..., moving] = change
+        return found
+
+    def _leaves_the_motion(self, k: int) -> bool:
+        """Tell whether a motion that conditions determine knows nothing of a key: a number of links and forces that
+        these do not read."""
+        place = self.places[self.numbers.index(k)]
+        if self.motion is None or not place.startswith(LOADS):
+            return False
+        by_key = ByKeys({place: 0})
+        return not any(by_key(x) for program in self.programs for x in program.numbers)
 
 
 class LedMotion:
@@ -163,8 +192,8 @@ class LedMotion:
     CapabilityError : an operation, or a number, has no derivative.
     """
 
-    def __init__(self, problem: Problem, lead: Lead, times: Array, places: Sequence[str]) -> None:
-        self.conditions, self.nv = LoopConditions(problem, lead, times), problem.model.nv
+    def __init__(self, problem: Problem, lead: Lead, places: Sequence[str]) -> None:
+        self.conditions, self.nv = LoopConditions(problem, lead, np.zeros(1)), problem.model.nv
         if lead.led is None and not set(lead.joints) <= set(lead.positions):
             raise CapabilityError("attitudes of joints are led")
         levels = dict(zip((*LEVELS_OF, "J"), self.conditions.levels()))

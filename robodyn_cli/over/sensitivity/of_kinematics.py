@@ -170,7 +170,7 @@ class PlaceSlopes:
         points, own = {point for _, point in wanted}, outputs(problem)
         self.paths = [path for path in own if path.partition("/")[2] in points]
         self.gradients = MotionGradients(problem, {path: own[path] for path in self.paths}, places)
-        self.led = None if lead is None else LedMotion(problem, lead, self.times, places)
+        self.led = None if lead is None else LedMotion(problem, lead, places)
         self._keys = len(places)
 
     def __call__(self, numbers: ManyNumbers, motion: tuple[Array, Array, Array]) -> Array:
@@ -234,4 +234,4 @@ class PlacesTogether:
 def _course(scene: Scene) -> LedCourse:
     problem = problem_of(scene)
     lead, times = leading(problem)
-    return LedCourse.of(problem, closer_times(problem, times), lead)
+    return LedCourse(problem, lambda: closer_times(problem, times), lead)
