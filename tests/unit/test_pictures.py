@@ -238,7 +238,8 @@ def check_page(result: Result, figure: Any) -> None:
         assert len(panel["errors"]) == sum(isinstance(x, PolyCollection) for x in ax.collections)
         assert sum(band["hatched"] for band in panel["bands"]) == sum(bool(x.get_hatch()) for x in ax.patches)
         for line, artist in zip(panel["lines"], ax.lines):
-            y = np.asarray(artist.get_ydata(), dtype=np.float32)  # rates of which only the sign counts are zero
+            # rates of which only the sign counts are zero
+            y = np.asarray(artist.get_ydata(), dtype=np.float32)
             assert np.any(unpacked(arrays, line["y"]) == 0.0) == np.any(y == 0.0)
 
 

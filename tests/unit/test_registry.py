@@ -121,7 +121,7 @@ def test_a_small_run_imports_few_modules(run: str, tmp_path: Path, monkeypatch: 
         name.startswith(("robodyn_cli.kernels.rolled", "robodyn_cli.formulations.rolled")) for name in ours
     )
     assert not {"pydantic", "scipy", "matplotlib"} & found, "each takes as long as the run itself, or longer"
-    assert not {"tempfile", "random"} & found
+    assert "llvmlite" in found or not {"tempfile", "random"} & found, "llvmlite imports them"
 
 
 def test_a_failed_run_loads_no_drawings(tmp_path: Path) -> None:

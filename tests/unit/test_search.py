@@ -77,7 +77,7 @@ def test_outputs_that_do_not_change_take_few_runs() -> None:
     vary = {"robot.links.band.mass": "uniform(0.99, 1.01)"}
     keep = {"transitions.slip": ">= 3"}
     family = Family(ROOT / "configs" / "stick_slip.yaml")
-    result, ended, maker = searched(family, vary=vary, minimise="final.q.belt", keep=keep)
+    result, _, maker = searched(family, vary=vary, minimise="final.q.belt", keep=keep)
     assert len(maker.points) <= 60
     assert abs(result.summary["figures"]["final.q.belt"]["value"] - 2.4) < 1e-11
 
