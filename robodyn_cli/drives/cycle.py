@@ -197,11 +197,11 @@ class Use:
         value, at = (x.reshape(part.shape[:-1]) for x in tops(samples.times, columns, samples.breaks))
         return Use(value, at) if part.ndim > 1 else Use(value, at, samples, part)
 
-    def rivals(self) -> float:
-        """Return how far from its time another peak is about as large: a motion that is integrated is known to some
-        digits only, and either may be the largest."""
+    def rivals(self, error: float = 0.0) -> float:
+        """Return how far from its time another peak is about as large, but for an error: a motion that is integrated is
+        known to some digits only, and either may be the largest."""
         assert self.samples is not None and self.used is not None and self.at is not None
-        times, alike = self.samples.times, self.used >= (1.0 - ALIKE) * self.part
+        times, alike = self.samples.times, self.used >= self.part - max(ALIKE * self.part, 2.0 * error)
         peaks = np.split(np.arange(len(times)), np.flatnonzero(np.diff(alike.astype(int))) + 1)
         near = int(np.argmin(np.abs(times - self.at)))
         others = [x for x in peaks if alike[x[0]] and not x[0] - 1 <= near <= x[-1] + 1]

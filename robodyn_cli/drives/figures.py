@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
@@ -18,6 +19,7 @@ from robodyn_cli.drives.cycle import (
     motor_limits,
     other_limits,
 )
+from robodyn_cli.drives.rivals import decided, limit_with_rivals, side_with_rivals
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves
@@ -185,6 +187,15 @@ class Evaluated:
     def errors(self) -> Mapping[str, tuple[float, float]]:
         """The errors of how much of each limit is used, and of the times."""
         return errors_of(self.uses)
+
+    def with_rivals(self, figures: DriveFigures) -> DriveFigures:
+        """Return figures with errors of times that cover where else a torque or a use is as large, but for errors."""
+        times = self.duty.times
+        joint = side_with_rivals(figures.joint, times, self.duty.load)
+        shaft = side_with_rivals(figures.shaft, times, self.cycle.torque)
+        limits = {name: limit_with_rivals(limit, self.uses[name]) for name, limit in figures.limits.items()}
+        errors = dataclasses.replace(figures.errors, time=decided(figures.decides, limits))
+        return dataclasses.replace(figures, joint=joint, shaft=shaft, limits=limits, errors=errors)
 
     def use_error(self, name: str) -> float:
         """Return the error of the use of a limit; of one that no instant decides, or heat, by fewer samples."""

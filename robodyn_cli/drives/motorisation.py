@@ -13,7 +13,7 @@ an entry of ``drives`` is driven with what motors and gears can give at its rate
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,7 @@ import numpy as np
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.drives.directions import SLOW, begun, directed, driven_joints
 from robodyn_cli.drives.report import Accurate, Moved, following, given_by_drives, judge
+from robodyn_cli.drives.rivals import ratios_with_rivals
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
@@ -63,12 +64,14 @@ def with_motorisation(
     inertia = False if COMMANDS[result.command].streamed else "tau" in result or None
     margins = JointMargins.of(problem, moved, inertia)
     margins.add_to(result)
-    figures = (margins if looked is None else JointMargins.of(problem, looked, inertia)).figures()
+    own = margins if looked is None else JointMargins.of(problem, looked, inertia)
+    figures = own.figures()
     if again is not None or (looked is not None and looked.sparse):
         runs, factor = again or ((), 0.0)
         others = [JointMargins.of(problem, other, inertia).figures() for other in runs]
         grown = with_others(figures, others, factor, ("motorisation", JOINT))
         figures = {name: _still_unknown(grown[name], one) for name, one in figures.items()}
+    figures = own.with_rivals(figures)
     judge(result, all(one.met for one in figures.values()))
     return [*records, MotorisationKeys(figures)]
 
@@ -237,6 +240,16 @@ class JointMargins:
             found[names[k]] = MotorisationFigures(
                 **own, required=required, met=met, static=static, dynamic=dynamic
             )
+        return found
+
+    def with_rivals(self, figures: Mapping[str, MotorisationFigures]) -> dict[str, MotorisationFigures]:
+        """Return figures with errors of places that cover where else ratios are as small, but for their errors."""
+        found, model = {}, self.problem.model
+        for column, k in enumerate(self.driven):
+            name = model.v_names[k]
+            q = self.moved.q[:, model.q_names.index(name)] if name in model.q_names else None
+            slopes = {kind: sides.slope[:, column] for kind, sides in self.sides.items()}
+            found[name] = ratios_with_rivals(figures[name], self.moved.times, slopes, q)
         return found
 
     @cached_property

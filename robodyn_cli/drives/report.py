@@ -62,6 +62,7 @@ def with_drives(
         runs, factor = again or ((), 0.0)
         accurate = [Drives.of(scene, problem, run).figures() for run in runs]
         figures = with_others(figures, accurate, factor, ("drives", JOINT))
+    figures = {name: drives.evaluated[name].with_rivals(one) for name, one in figures.items()}
     judge(result, all(one.passes for one in figures.values()))
     title = scene.catalogue.title or ABSENT
     return [warned(summary, list(_doubts(drives, figures))), *others, DriveKeys(figures, title)]

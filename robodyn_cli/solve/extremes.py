@@ -49,6 +49,7 @@ BETWEEN = np.linspace(0.0, 1.0, 17)[:, None]  # between neighbours, where a poly
 ROUNDED = 1e-12  # part of a value by which rounding makes equal ones differ
 NOISE = 4e-15  # part of a value, rounding that moves the place of a flat top
 FLAT = 1e-13  # part of the values that a polynomial goes through, by which its rounding changes it
+BESIDE = 2  # samples from a peak, of which those are its own
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
 
 
@@ -205,6 +206,17 @@ def smallest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the smallest values of y (T, n), see ``largest``."""
     found = largest(times, -y, breaks)
     return dataclasses.replace(found, value=0.0 - found.value)  # no -0.0
+
+
+def rivals(times: Array, y: Array, time: float, least: float) -> NDArray[np.int_]:
+    """Return the samples of other peaks of y (T,) than that at a time, which may be as large as ``least``: what errors
+    of values leave open of where the largest one is, see ``Extreme.time_error`` for those of samples."""
+    beside = np.concatenate([[-np.inf], y, [-np.inf]])
+    peak = (y >= beside[:-2]) & (y >= beside[2:])
+    nothing = np.zeros(1)
+    found = np.flatnonzero(peak & (_tops(y[:, None], nothing, nothing)[:, 0] >= least))
+    near = np.searchsorted(times, time)
+    return found[np.abs(found - near) > BESIDE]
 
 
 def integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:

@@ -11,8 +11,19 @@ import pytest
 
 from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.algorithms.polynomials import real_roots
+from robodyn_cli.drives.cycle import CycleSamples, Use
+from robodyn_cli.drives.rivals import limit_with_rivals, ratios_with_rivals, side_with_rivals
 from robodyn_cli.solve import extremes, quadrature
 from robodyn_cli.solve.crossings import crossing
+from robodyn_cli.summaries.drives import (
+    MotorisationFigures,
+    Ratio,
+    RatioErrors,
+    Side,
+    SideErrors,
+    UsedLimit,
+)
+from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.torques.checks import turns_of
 
 SLIDE = """
@@ -191,3 +202,70 @@ def test_turns_and_crossings_of_waves() -> None:
     part, off = crossing(t, v, k)
     gone = np.abs(t[k] + part * (t[1] - t[0]) - exact[exact < 40.0])
     assert np.all(gone <= off * (t[1] - t[0]) + 1e-13) and off.max() < 1e-4
+
+
+# -- ties ---------------------------------------------------------------------------------------------------------------
+def places(tree: Any, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], tuple[float, float]]:
+    """Return the times and angles of the figures of a summary's part, each with its error."""
+    found: dict[tuple[str, ...], tuple[float, float]] = {}
+    for key, value in tree.items() if isinstance(tree, dict) else ():
+        if isinstance(value, dict):
+            found |= places(value, (*path, key))
+        elif isinstance(value, float) and key.removeprefix("peak_torque_") in ("time", "angle"):
+            errors = tree.get("errors", {})
+            error = tree["time_error"] if "time_error" in tree else errors.get(key)
+            if error is not None:
+                found[(*path, key)] = value, error
+    return found
+
+
+@pytest.mark.parametrize("rtol", ["1e-4", "1e-6", "1e-9"])
+def test_of_places_that_are_alike_errors_cover_each(rtol: str) -> None:
+    """An oscillator comes back to each pose: integration decides when a torque is largest, or a margin least."""
+    free = SLIDE.replace("torques: {{x: 3*cos(1.1*t)}}\n", "actuated: [x]\n").format(duration=12.0)
+    one, two = (
+        simulate(
+            load_scene_text(free, overrides=[f"simulate.rtol={given}", f"simulate.samples={samples}"])
+        ).summary
+        for given, samples in ((rtol, 101), ("1e-11", 257))
+    )
+    for part in ("drives", "motorisation"):
+        own, other = places(one[part]["x"]), places(two[part]["x"])
+        assert own.keys() & other.keys()
+        for key in own.keys() & other.keys():
+            (a, off), (b, more) = own[key], other[key]
+            assert abs(a - b) <= off + more, (part, key, own[key], other[key])
+    period = 2.0 * math.pi * math.sqrt((1.5 + 1.0e-5 * (2.0 * math.pi / 0.02) ** 2) / 8.0)
+    assert (
+        places(one["drives"]["x"])["joint", "peak_torque_time"][1]
+        > 12.0 // period * period / 2.0 - 0.5 * period
+    )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_place_covers_those_that_an_error_of_its_value_leaves_open(seed: int) -> None:
+    """Humps of about the same height, each off by no more than the error: wherever the highest is then, it is told of."""
+    rng = np.random.default_rng(seed)
+    t, error = np.linspace(0.0, 4.0, 401), 1e-3
+    centres, heights = np.arange(0.5, 4.0) + rng.uniform(-0.2, 0.2, 4), 1.0 - rng.uniform(0.0, 3e-3, 4)
+    humps = np.exp(-30.0 * (t[:, None] - centres) ** 2)
+    y = (humps * heights).max(axis=1)
+    k = int(np.argmax(heights))
+    others = [float(centres[np.argmax(heights + rng.uniform(-1.0, 1.0, 4) * error)]) for _ in range(200)]
+    off, value, time = 1e-9, float(heights[k]), float(centres[k])
+    side = Side(
+        value, time, 0.5, 0.5, 1.0, 1.0, 0.0, 1.0, 0.0, SideErrors(error, off, off, off, off, off, off)
+    )
+    limit = UsedLimit(value, error, time, off)
+    ratio = Ratio(
+        -math.tan(value), time, time, "mass", RatioErrors(error * (1.0 + math.tan(value) ** 2), off, off)
+    )
+    own = {name: getattr(ratio, name) for name in ("ratio", "time", "angle", "decides", "errors")}
+    margin = MotorisationFigures(**own, required=0.0, met=False, static=ratio, dynamic=ABSENT)
+    used = Use(np.float64(value), np.float64(time), CycleSamples(t), y)
+    told = ratios_with_rivals(margin, t, {"static": -y}, t)
+    away = max(abs(other - time) for other in others) - 0.01  # samples
+    assert side_with_rivals(side, t, -y).errors.peak_torque_time >= away
+    assert limit_with_rivals(limit, used).time_error >= away
+    for one in (told, told.static):
+        assert min(one.errors.time, one.errors.angle) >= away
