@@ -104,6 +104,16 @@ def source_trees() -> Iterator[None]:
 
 
 @pytest.fixture
+def lasting_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lasting code from the first step and sample on, as many runs have it: single runs round as these do then."""
+    from robodyn_cli.integrators.runtime import engine
+    from robodyn_cli.kernels import compiler, samples
+
+    for module in (engine, samples):
+        monkeypatch.setattr(module, "QUICK", compiler.LASTING)
+
+
+@pytest.fixture
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Methods named ``fixed NAME`` that take every step as it comes."""
     from robodyn_cli.integrators.registry import methods

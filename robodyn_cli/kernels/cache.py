@@ -22,7 +22,7 @@ from pathlib import Path
 from robodyn_cli.errors import OutputError
 from robodyn_cli.version import digest_of, files_below
 
-# instructions that take LLVM some seconds, in which no other thread of Python runs
+# instructions of lasting code that take LLVM some seconds, in which no other thread of Python runs
 MANY = 20_000
 
 _seconds: ContextVar[float] = ContextVar("_seconds", default=0.0)
@@ -51,10 +51,10 @@ class CompileReport:
         """Add time that this thread has spent."""
         _seconds.set(_seconds.get() + seconds)
 
-    def begin(self, instructions: int) -> None:
-        """Note the compilation that begins."""
+    def begin(self, instructions: int, quick: bool) -> None:
+        """Note the compilation that begins, of code that is made quickly or is to last."""
         self.now = f"compiling {instructions} instructions"
-        if instructions >= MANY and self.listener is not None:
+        if instructions >= MANY and not quick and self.listener is not None:
             self.listener(f"robodyn: {self.now} takes a while; the code is kept for the next run")
 
     def warn(self, message: str) -> None:

@@ -16,6 +16,9 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.cache import REPORT, ObjectFile, cache_directory
 from robodyn_cli.record import record
 
+# Levels of the generator of code. What is made quickly takes a fifth of the time to make and runs two to four times as
+# long. More than 1 takes longer to make, and its code runs no faster on these graphs.
+QUICK, LASTING = 0, 1
 OTHER_TARGETS = (0, 50)  # version of llvmlite from which on it brings all processors, with LLVM 22
 
 
@@ -99,7 +102,7 @@ class CompiledModule:
 
 
 def compile_module(
-    key: str, write: Callable[[], str], level: int = 1, target: Target | None = None
+    key: str, write: Callable[[], str], level: int = LASTING, target: Target | None = None
 ) -> CompiledModule:
     """Return the machine code of a module, from the cache or compiled now.
 
@@ -107,7 +110,7 @@ def compile_module(
     ----------
     key : digest of everything that decides the code, other than the target and robodyn's own version.
     write : writes the IR text; called only when there is no cached object.
-    level : optimisation level of the code generator, 0 to 3. Level 1 runs as fast as 2 and 3 on these graphs.
+    level : ``LASTING``, or ``QUICK`` for code that is used little.
     target : that this processor runs as well; default: this processor.
     """
     start = time.perf_counter()
@@ -124,9 +127,9 @@ def compile_module(
     if code is None:
         REPORT.now = "compiling"
         text = aligned(write())
-        REPORT.begin(text.count("\n"))
+        REPORT.begin(text.count("\n"), quick=level == QUICK)
         try:
-            code = _compile(llvm, generator, llvm.parse_assembly(text))
+            code = _compile(llvm, generator, llvm.parse_assembly(text), level)
         finally:
             REPORT.now = ""
         if kept:
@@ -144,7 +147,7 @@ def compile_module(
     return _loaded.setdefault(digest, CompiledModule(engine))
 
 
-def is_at_hand(key: str, level: int = 1, target: Target | None = None) -> bool:
+def is_at_hand(key: str, level: int = LASTING, target: Target | None = None) -> bool:
     """Tell whether ``compile_module`` has a module in memory or in the cache, which it need not compile."""
     digest = _digest(key, level, target or machine())
     folder = cache_directory()
@@ -193,7 +196,7 @@ def compile_object(texts: Sequence[str], target: Target, level: int = 2) -> byte
         part.triple, part.data_layout = target.triple, str(generator.target_data)
     for part in others:
         whole.link_in(part)
-    return _compile(llvm, generator, whole)
+    return _compile(llvm, generator, whole, level)
 
 
 def _generator(llvm: Any, target: Target, level: int) -> Any:
@@ -202,19 +205,21 @@ def _generator(llvm: Any, target: Target, level: int) -> Any:
     return chosen.create_target_machine(cpu=target.cpu, features=target.features, opt=level)
 
 
-def _compile(llvm: Any, generator: Any, parsed: Any) -> bytes:
+def _compile(llvm: Any, generator: Any, parsed: Any, level: int) -> bytes:
     """Return an object file.
 
     LLVM's own pipelines take as long as parsing and code generation together, and their code runs no faster: constants
     are folded and common expressions found before the text is written. Three things are left to do: a better order of
-    sums (the flags allow it, and it saves a tenth of the run time), identities of single instructions, and jumps.
+    sums (the flags allow it, and it saves a tenth of the run time), identities of single instructions, and jumps. Code
+    that is made quickly does without these: they take as long as the rest of it.
     """
     parsed.verify()
     builder = llvm.create_pass_builder(generator, llvm.create_pipeline_tuning_options())
     passes = llvm.create_new_module_pass_manager()
     passes.add_sroa_pass()
-    passes.add_reassociate_pass()
-    passes.add_instruction_combine_pass()
-    passes.add_simplify_cfg_pass()
+    if level != QUICK:
+        passes.add_reassociate_pass()
+        passes.add_instruction_combine_pass()
+        passes.add_simplify_cfg_pass()
     passes.run(parsed, builder)
     return bytes(generator.emit_object(parsed))

@@ -1,8 +1,8 @@
 """Kernels that evaluate a program at many samples, eight (or four, or two) at a time in SIMD lanes.
 
-A long program begins as data that a compiled loop works off, and becomes machine code when it has been evaluated at so
-many samples that compiling pays. Kernels of iterations repeat a program, each lane until its own measure is small
-enough.
+A program begins as machine code that is made quickly, or a long one as data that a compiled loop works off, and becomes
+lasting machine code when it has been evaluated at so many samples that this pays. Kernels of iterations repeat a
+program, each lane until its own measure is small enough.
 """
 
 from __future__ import annotations
@@ -19,18 +19,20 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.arrays import address
-from robodyn_cli.kernels.compiler import compile_module, is_at_hand, machine
+from robodyn_cli.kernels.compiler import LASTING, QUICK, compile_module, is_at_hand, machine
 from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import LoadedNumbers, lower
 from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.kernels.bytecode import InterpretedSamples
+    # fills results (samples, n) from inputs and a table of numbers
+    Evaluation = Callable[[Mapping[str, "Array"], Mapping[str, "Array"], int, "Array"], None]
 
-# measured: compiling takes 80 us an operation, and saves 0.3 ns for each operation at each sample
-LONG = 200  # operations up to which a program is compiled at once
-MANY = 200_000  # samples from which on a long program is compiled
+# measured: lasting code takes 80 us an operation to make, and saves 0.3 ns for each operation at each sample over the
+# interpreter; over code that is made quickly, 50 us and a tenth of that
+LONG = 200  # operations up to which a program is machine code at once
+MANY = 200_000  # samples from which on a program is lasting machine code
 FOLLOWED = 16  # columns that the processor prefetches by itself while they are written in turn
 STATE, DATA = (
     "q",
@@ -91,8 +93,8 @@ class SampleKernel:
     shape (n,), or (T, n) where they change a few times: the samples between changes are evaluated piece by piece.
 
     table : numbers of another scene of this structure, which are read in place of the program's own. stepwise : whether
-    a short program is worked off operation by operation, too. eager : whether machine code is taken at once where the
-    cache has it; its last bits may differ from those of the interpreter, so not for what results hold.
+    a short program is worked off operation by operation, too. eager : whether lasting code is taken at once where the
+    cache has it; its last bits may differ from those of what else serves at first, so not for what results hold.
     """
 
     compiled = True
@@ -106,7 +108,7 @@ class SampleKernel:
         eager: bool = False,
     ) -> None:
         self.program, self._eager = make_program(dict(outputs), known), eager
-        self._short = self.program.operations <= LONG and not stepwise  # compiled at once
+        self._short = self.program.operations <= LONG and not stepwise  # machine code at once
         self.lanes = machine().lanes
         self._module: Sequence[Program] = [self.program]  # what is compiled together
         self._seen = 0  # samples so far
@@ -117,12 +119,21 @@ class SampleKernel:
         return [self.program.numbers or (0.0,)]
 
     def take(self, numbers: Sequence[Array]) -> None:
-        """Take the numbers of another scene of this structure in place of ``numbers``."""
+        """Take the numbers of another scene of this structure in place of ``numbers``; see ``_serve_many``."""
+        self._serve_many()
         self.table = np.ascontiguousarray(numbers[0])
 
+    def _serve_many(self) -> None:
+        """Take lasting code of a short program from now on: many runs have the same bits in any order."""
+        if self._short:
+            self._seen = MANY
+
     @cached_property
-    def _compiled(self) -> Callable[..., None]:
-        """The machine code, made when it is first needed: ``program`` alone needs no compiler."""
+    def _compiled(self) -> Evaluation:
+        """The lasting code, made when it is first needed: ``program`` alone needs no compiler."""
+        return self._machine_code(LASTING)
+
+    def _machine_code(self, level: int) -> Evaluation:
         host = machine()
         names = [f"kernel.{k}" for k in range(len(self._module))]
         compiled = compile_module(
@@ -130,14 +141,23 @@ class SampleKernel:
             lambda: module(
                 [sample_function(*each, host.lanes, host.fused) for each in zip(names, self._module)]
             ),
+            level,
         )
         own = next(name for name, program in zip(names, self._module) if program is self.program)
         count = len(self.program.inputs) + len(self.program.outputs) + 1
-        return compiled.function(own, *[ctypes.c_void_p] * count, ctypes.c_int64)
+        function = compiled.function(own, *[ctypes.c_void_p] * count, ctypes.c_int64)
+
+        def evaluate(
+            inputs: Mapping[str, Array], results: Mapping[str, Array], samples: int, table: Array
+        ) -> None:
+            function(*map(address, (*inputs.values(), *results.values(), table)), samples)
+
+        return evaluate
 
     def load(self) -> None:
-        """Take the machine code now where the first call would, which then takes no longer than others."""
-        if self._interpreted is None:
+        """Make now what the first call would, which then takes no longer than others; of a short program what lasts."""
+        self._serve_many()
+        if self._seen >= MANY or self._first is None:
             _ = self._compiled
 
     @property
@@ -145,12 +165,12 @@ class SampleKernel:
         return f"samples {machine().lanes} {' '.join(program.digest for program in self._module)}"
 
     @cached_property
-    def _interpreted(self) -> InterpretedSamples | None:
-        """The program as data; None for a program that is compiled at once."""
-        if self._short:
-            return None
+    def _first(self) -> Evaluation | None:
+        """What evaluates the first samples; None where lasting code does."""
         if self._eager and is_at_hand(self._key):
             return None
+        if self._short:
+            return self._machine_code(QUICK)
         from robodyn_cli.kernels.bytecode import InterpretedSamples
 
         return InterpretedSamples(self.program)
@@ -162,10 +182,8 @@ class SampleKernel:
         long run.
         """
         self._seen += samples
-        if self._seen < MANY and (interpreted := self._interpreted) is not None:
-            interpreted(inputs, results, samples, table)
-        else:
-            self._compiled(*map(address, (*inputs.values(), *results.values(), table)), samples)
+        first = self._first if self._seen < MANY else None
+        (first or self._compiled)(inputs, results, samples, table)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
         lengths = {np.shape(a)[0] for g, a in groups.items() if g != PARAMETERS}
@@ -203,6 +221,7 @@ class SampleKernel:
 
         Groups of shape (N, T, n) are those of each row.
         """
+        self._serve_many()
         own = {group: array for group, array in groups.items() if np.ndim(array) == 3}
         if own:
             shared = {group: array for group, array in groups.items() if group not in own}
@@ -248,7 +267,7 @@ class SampleKernel:
 
 
 def compile_together(*kernels: object) -> None:
-    """Make one module of the sample kernels among ``kernels`` that are compiled at once, when the first of them is.
+    """Make one module of the sample kernels among ``kernels`` that are short, when the first of them is compiled.
 
     A module takes some 5 ms to compile and 1 ms to load beside its operations, as much as those of a short kernel.
     """

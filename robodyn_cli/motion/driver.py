@@ -121,7 +121,7 @@ class Driver:
 
     def _take_up(self, method: str) -> None:
         self.method = method
-        self.integrator = Integrator(self.system, method, self.given)
+        self.integrator = Integrator(self.system, method, self.given, quick=True)
 
     # -- where the run is -----------------------------------------------------------------------------
     @property

@@ -10,8 +10,9 @@ import pytest
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.integrators.runtime import engine
-from robodyn_cli.kernels import samples
+from robodyn_cli.kernels import bytecode, samples
 from robodyn_cli.kernels.bytecode import KINDS, SHAPE, InterpretedSamples, encode, kinds_of
+from robodyn_cli.kernels.compiler import LASTING, QUICK
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.load import load_scene
@@ -30,13 +31,14 @@ def both(outputs: dict[str, list[Any]], known: list[str], **groups: np.ndarray) 
     found = []
     for seen in (0, samples.MANY):
         kernel._seen = seen
-        kernel.__dict__["_interpreted"] = InterpretedSamples(kernel.program)
+        kernel.__dict__["_first"] = InterpretedSamples(kernel.program)
         found.append(kernel(**groups))
     assert "_compiled" in kernel.__dict__
     return found[0], found[1]
 
 
-def test_each_kind_of_operation_equals_machine_code() -> None:
+def test_each_kind_of_operation_equals_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bytecode, "LITTLE", 0)  # a lasting loop rounds as lasting code does
     graph = Graph()
     x, y = graph.symbols(["x0", "x1"], "x")
     entries = [graph.unary(kind, x) for kind in UNARY]
@@ -124,3 +126,19 @@ def test_interpreted_runs_equal_compiled_ones(
         np.testing.assert_allclose(
             found.variables[name].data, expected.variables[name].data, rtol=1e-7, atol=1e-7, err_msg=name
         )
+
+
+@pytest.mark.parametrize("work", [0, 10**9])
+def test_loops_that_are_made_quickly_work_off_programs_like_others(
+    work: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph = Graph()
+    outputs = {"r": random_entries(300, graph)}
+    rows = {"q": RNG.uniform(-1, 1, (50, 5)), "p": RNG.uniform(-1, 1, 3)}
+    monkeypatch.setattr(bytecode, "LITTLE", work)
+    kernel = SampleKernel(outputs, ["q", "p"], stepwise=True)
+    found = kernel(**rows)["r"]
+    assert list(kernel._first._loops) == [LASTING if work == 0 else QUICK]
+    monkeypatch.setattr(bytecode, "LITTLE", 10**9 - work)
+    other = SampleKernel(outputs, ["q", "p"], stepwise=True)
+    np.testing.assert_allclose(found, other(**rows)["r"], rtol=1e-11, atol=1e-11)

@@ -358,7 +358,7 @@ def test_what_python_calls_takes_cached_code_at_once(tmp_path: Path, monkeypatch
     kernels = [SampleKernel({"r": [long]}, ("q",), eager=eager) for eager in (False, True, True)]
     samples = np.random.default_rng(1).uniform(0.5, 1.5, (20, 2))
     cold = kernels[1](q=samples)["r"]
-    assert kernels[1]._interpreted is not None and "_compiled" not in vars(kernels[1])
+    assert kernels[1]._first is not None and "_compiled" not in vars(kernels[1])
     assert kernels[1]._compiled and list(tmp_path.glob("*.o"))
     plain, warm = (kernels[k](q=samples)["r"] for k in (0, 2))
     assert "_compiled" not in vars(kernels[0]) and "_compiled" in vars(kernels[2])
@@ -370,7 +370,7 @@ def test_functions_of_samples_are_ready_when_they_are_made(monkeypatch: pytest.M
     """Their first call loads nothing; counts of a plan make none of their code."""
     taken: list[str] = []
     load = compiler.compile_module
-    monkeypatch.setattr(samples, "compile_module", lambda key, write: taken.append(key) or load(key, write))
+    monkeypatch.setattr(samples, "compile_module", lambda key, *more: taken.append(key) or load(key, *more))
     scene = load_scene(Path(robodyn_cli.__file__).parents[1] / "configs" / "double_pendulum.yaml")
     for kind in (InverseDynamics, ForwardDynamics):
         function, before = kind(scene), len(taken)

@@ -17,6 +17,9 @@ from robodyn_cli.works.deploy.deploy import deploy
 from tests.panels import Panels
 from tests.unit.test_latched_many import KEYS, OF, compare, rows, three_panels, written
 
+# single runs are compared with many to the last digits
+pytestmark = pytest.mark.usefixtures("lasting_code")
+
 ARRAY = Path("configs/mechanisms/solar_array.yaml")
 
 

@@ -19,6 +19,9 @@ from robodyn_cli.scene.types import Scene
 from tests.many import compare_all
 from tests.unit.test_mechanism import PENDULUM, SCENES, around, own_scene, varied
 
+# single runs are compared with many to the last digits
+pytestmark = pytest.mark.usefixtures("lasting_code")
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 OF = ["error_estimate.steps", "error_estimate.q_end", "error_estimate.qd_end"]
 COMPARED: dict[str, bool] = {}

@@ -13,6 +13,9 @@ from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import Compiled, run_points, suits
 from robodyn_cli.scene.load import Family, load_scene
 
+# single runs are compared with many to the last digits
+pytestmark = pytest.mark.usefixtures("lasting_code")
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 FIGURES = (
     "peak_torque", "peak_torque_time", "rms_torque", "torque_range.0", "torque_range.1", "peak_speed", "peak_power",

@@ -104,7 +104,8 @@ def test_a_constant_force_and_a_force_against_it() -> None:
 """
     found = run(SLIDER, forces)
     t = found["time"]
-    assert np.abs(found["q"][:, 0] - (0.7 - 0.4 * t + t**3 / 6)).max() < 1e-12
+    # a few steps over 3 s: what rounding leaves of their dense output
+    assert np.abs(found["q"][:, 0] - (0.7 - 0.4 * t + t**3 / 6)).max() < 3e-12
     assert np.abs(found["forces/potential"][:, 0] - 3 * found["q"][:, 0]).max() < 1e-12
 
 

@@ -15,6 +15,9 @@ from robodyn_cli.works.deploy.deploy import deploy
 from tests.latched_panels import LatchedPanels
 from tests.panels import Panels
 
+# single runs are compared with many to the last digits
+pytestmark = pytest.mark.usefixtures("lasting_code")
+
 KEYS = (
     "robot.joints.hinge0.spring.stiffness",
     "robot.links.panel1.mass",

@@ -15,6 +15,9 @@ from robodyn_cli.scene.load import Family
 from tests.many import compare_all
 from tests.mechanisms import CONFIGS
 
+# single runs are compared with many to the last digits
+pytestmark = pytest.mark.usefixtures("lasting_code")
+
 PENDULUM, CART = CONFIGS / "double_pendulum.yaml", CONFIGS / "cart_pole_lqr.yaml"
 FREE = (
     "expect={}",

@@ -33,6 +33,9 @@ from robodyn_cli.solve.closure import ManyConditions, least_steps, newton, newto
 from robodyn_cli.works.reach import reach
 from tests.numeric import assert_close
 
+# single runs are compared with many to the last digits
+pytestmark = pytest.mark.usefixtures("lasting_code")
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 PENDULUM = str(CONFIGS / "double_pendulum.yaml")
 SCENES = sorted(

@@ -66,7 +66,7 @@ class Built:
 
         return note
 
-    def _stop(self, system: System, method: str, *args: Any) -> None:
+    def _stop(self, system: System, method: str, *args: Any, **named: Any) -> None:
         self.integrated.append((system, method))
         raise BuiltError
 

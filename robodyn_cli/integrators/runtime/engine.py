@@ -16,18 +16,24 @@ from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Latc
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
-from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.kernels.compiler import LASTING, QUICK, compile_module, machine
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.integrators.stepping.updates import UpdateMemory
 
-MANY = 4000  # operations beyond which programs are interpreted at first: compiling them takes 80 us each
-# A run is interpreted for so many steps, or so many for each operation where that is more: the longer it takes to
-# compile, the longer the run has to be to gain by it.
+# Operations beyond which programs are interpreted at first: as data they take 3 us each to make, as machine code 25 us
+# each, and 80 us where it is to last.
+MANY = 10_000
+# An interpreted run is compiled after so many steps, or so many for each operation where that is more: the longer it
+# takes to compile, the longer the run has to be to gain by it.
 PATIENCE = 1000
 STEPS_PER_OPERATION = 0.1
+# Code that is made quickly gives way to lasting code after so many operations, of programs and of the loop, each
+# counted once a step: by then it has lost some 20 ms, where making lasting code takes 50 to 500.
+LOST = 2e7
+LOOP = 1000
 STATUSES = tuple(Status)  # by number
 ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
@@ -35,15 +41,22 @@ ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 class Engine:
     """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
-    interpreted : whether long programs are interpreted; they may be at first unless that is not wanted. loaded :
-    whether the code is there at once, and not only after ``load``. tables : of numbers that the code reads.
+    interpreted : whether long programs may be interpreted at first. quick : whether code that is made quickly serves at
+    first. loaded : whether the code is there at once, and not only after ``load``. lasting : whether it stays what it
+    is. tables : of numbers that the code reads.
     addresses : of ``run_to_event``, ``trial_step``, ``close_latch`` and of what all take. memory : of the run, its
     copy from before the step with an event. p : parameters. out : block of samples. bracket : see
     ``locate_event_function``.
     """
 
     def __init__(
-        self, system: System, method: str, p: Array, interpreted: bool = True, loaded: bool = True
+        self,
+        system: System,
+        method: str,
+        p: Array,
+        interpreted: bool = True,
+        quick: bool = False,
+        loaded: bool = True,
     ) -> None:
         self._system, self._name, self._method = system, method, methods[method]
         self.p = p
@@ -64,39 +77,42 @@ class Engine:
 
             self.updates = UpdateMemory(system.updates, len(system.q_places), len(system.v_places))
         operations = sum(program.operations for program in self.tables.programs)
-        self._patience = max(PATIENCE, int(STEPS_PER_OPERATION * operations))
-        self.interpreted = interpreted and operations > MANY and not system.dynamics.any_size
+        self._interpreted = interpreted and operations > MANY and not system.dynamics.any_size
+        self.lasting = not (quick or self._interpreted)
+        interpreting, quickly = max(PATIENCE, STEPS_PER_OPERATION * operations), LOST / (LOOP + operations)
+        self._patience = int(interpreting if self._interpreted else quickly)
         self.addresses = 0, 0, 0, self._at
+        self.fixed: tuple[Array, ...] = ()
         if loaded:
             self.load()
 
     def load(self) -> None:
         """Provide the code, where it is not there."""
         if not self.addresses[0]:
-            self._load(self.interpreted)
+            self._load(self.lasting)
 
     def patience(self, taken: int, most: int) -> int:
-        """Return up to how many steps to run, ``most`` or fewer, when so many are taken; a long run is compiled.
+        """Return up to how many steps to run, ``most`` or fewer, when so many are taken; a long run gets lasting code.
 
         The number of steps decides and not their time, so that the same run gives the same bits again.
         """
-        if self.interpreted and taken >= self._patience:
-            self._load(interpreted=False)
-        return min(most, self._patience) if self.interpreted else most
+        self.expect(taken)
+        return most if self.lasting else min(most, self._patience)
 
     def expect(self, steps: float) -> None:
-        """Compile a run at once that is known to take so many steps or more."""
-        if self.interpreted and steps >= self._patience:
-            self._load(interpreted=False)
+        """Provide lasting code for a run that is known to take so many steps or more."""
+        if not self.lasting and steps >= self._patience:
+            self._load(lasting=True)
 
-    def _load(self, interpreted: bool) -> None:
+    def _load(self, lasting: bool) -> None:
         """Take the functions from the cache or write them, and provide the memory that they work on."""
-        system, kind, self.interpreted = self._system, self._method, interpreted
-        host = machine()
+        system, kind, self.lasting = self._system, self._method, lasting
+        host, interpreted = machine(), self._interpreted and not lasting
         compiled = compile_module(
             f"run{' interpreted' * interpreted} {self._name} {system.digest} {self.tables.digest}"
             f"{' in stretches' if system.breakpoints else ''}",
             lambda: write_run(system, kind, Programs(host.fused, interpreted)),
+            LASTING if lasting else QUICK,
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
         trial = compiled.address("trial_step") if system.events else 0
@@ -108,11 +124,14 @@ class Engine:
             self._restart = compiled.function("restart", ADDRESS, DOUBLE)
             self._switching = compiled.function("switching", ADDRESS)
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
-        room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
-        registers = compiled.function("registers", result=NUMBER)()
-        updates = np.zeros(1) if self.updates is None else self.updates.block
-        memory = (aligned_zeros(room), self.tables.numbers, aligned_zeros(registers), updates)
-        self.fixed = (*system.dynamics.memory(), *memory)
+        if (
+            not self.fixed or self._interpreted
+        ):  # else that of code that was made quickly, which lies the same
+            room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
+            registers = compiled.function("registers", result=NUMBER)()
+            updates = np.zeros(1) if self.updates is None else self.updates.block
+            memory = (aligned_zeros(room), self.tables.numbers, aligned_zeros(registers), updates)
+            self.fixed = (*system.dynamics.memory(), *memory)
         self._note_places()
 
     def draw(self, draw: int) -> None:
@@ -122,7 +141,12 @@ class Engine:
             self._drawn = draw
 
     def take(self, numbers: Array) -> None:
-        """Take the numbers of another scene of this structure in place of those of the tables."""
+        """Take the numbers of another scene of this structure in place of those of the tables.
+
+        Such runs are many: their code is to last, and the first of them is to have the bits of any other.
+        """
+        if not self._interpreted:
+            self.expect(math.inf)
         self._exact[:] = self.tables.numbers[:] = numbers
         self._drawn = 0
 

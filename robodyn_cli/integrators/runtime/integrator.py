@@ -49,6 +49,7 @@ class Integrator:
     system : what to integrate.
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
+    quick : whether the first steps of a run take code that is made quickly, see ``Engine``.
 
     ``tick`` is told the time every few milliseconds, ``met``, where set, takes the events, and ``noted`` the time [s]
     after every ``every`` attempts at steps of a run. ``before`` : steps that
@@ -56,12 +57,14 @@ class Integrator:
     between events.
     """
 
-    def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
+    def __init__(
+        self, system: System, method: str = "gauss", parameters: Any = (), quick: bool = False
+    ) -> None:
         self.system = system
         self.method = methods[method]
         self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
         self.p = self.parameters.values
-        self.engine = Engine(system, method, self.p)
+        self.engine = Engine(system, method, self.p, quick=quick)
         self.memory = self.engine.memory
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self.options, self._begun = DEFAULTS, math.nan
