@@ -16,7 +16,7 @@ from robodyn_cli.equations.constraints import inertias_along
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError, listed
 from robodyn_cli.expr.fixed import is_witnessed, witnessed
-from robodyn_cli.expr.graph import is_number
+from robodyn_cli.expr.graph import Graph, is_number
 from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Body, Model, unknown_among
@@ -118,8 +118,7 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     ------
     NumericalError : the rows leave a motion that moves nothing with inertia; the message names the joint.
     """
-    # places of numbers matter only to who lists comparisons; what is unknown makes nodes, the same ones in all runs
-    numbers = model if is_witnessed() or not _is_known(model) else _plain(model)
+    numbers = _apart(model, is_witnessed())  # places of numbers matter only to who lists comparisons
     with witnessed():  # apart: what cancels in this pose is no structure
         felt = inertias_felt(numbers, q)
     if not felt:
@@ -203,7 +202,7 @@ def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
     doubtful = [x.own < LIGHT * x.locked for x in felt]
     if not any(doubtful):
         return False
-    rng, plain = np.random.default_rng(0), _plain(model)
+    rng, plain = np.random.default_rng(0), _apart(model)
     room = [np.pi if unit == "rad" else mechanism_size(model) for unit in model.v_units]
     with witnessed():
         for _ in range(POSES):
@@ -214,19 +213,18 @@ def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
     return False
 
 
-def _is_known(model: Model) -> bool:
-    """Tell whether no data of the bodies are missing."""
-    parts = [(b.inertia.m, b.inertia.h, b.inertia.I, b.X_tree.r, b.X_tree.E) for b in model.bodies]
-    return all(is_number(x) for body in parts for part in body for x in np.ravel(part))
-
-
-def _plain(model: Model) -> Model:
-    """Return the model with floats that do not know how they were computed, which takes a tenth of the time."""
+def _apart(model: Model, placed: bool = False) -> Model:
+    """Return the model for numbers alone: unless they are to stay ``placed``, floats that do not know how they were
+    computed, which takes a tenth of the time; what is unknown as symbols of another graph, which does not grow the
+    problem's."""
+    graph = Graph()
 
     def floats(x: Any) -> Any:
-        return np.array([float(e) if is_number(e) else e for e in np.ravel(x)], dtype=object).reshape(
-            np.shape(x)
-        )
+        parts = [
+            (e if placed else float(e)) if is_number(e) else graph.symbol(f"u{e.index}", "unknown", e.index)
+            for e in np.ravel(x)
+        ]
+        return np.array(parts, dtype=object).reshape(np.shape(x))
 
     bodies = [
         dataclasses.replace(

@@ -28,7 +28,10 @@ OTHERS = {
     "friction that sticks": "friction: {coulomb: 0.2, law: set_valued}",
 }
 
-pytestmark = pytest.mark.skipif(machine().lanes == 1, reason="this processor has no vectors of doubles")
+pytestmark = [
+    pytest.mark.skipif(machine().lanes == 1, reason="this processor has no vectors of doubles"),
+    pytest.mark.usefixtures("lasting_code"),  # single runs are compared with many to the last digits
+]
 
 
 def chain(rng: np.random.Generator, count: int, rtol: float) -> str:
