@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 # Operations beyond which programs are interpreted at first: as data they take 3 us each to make, as machine code 25 us
 # each, and 80 us where it is to last.
 MANY = 10_000
+# Operations beyond which the interpreter itself is to last: made quickly it takes twice as long at each of them.
+TOO_MANY = 50_000
 # An interpreted run is compiled after so many steps, or so many for each operation where that is more: the longer it
 # takes to compile, the longer the run has to be to gain by it.
 PATIENCE = 1000
@@ -76,7 +78,7 @@ class Engine:
             from robodyn_cli.integrators.stepping.updates import UpdateMemory
 
             self.updates = UpdateMemory(system.updates, len(system.q_places), len(system.v_places))
-        operations = sum(program.operations for program in self.tables.programs)
+        self._operations = operations = sum(program.operations for program in self.tables.programs)
         self._interpreted = interpreted and operations > MANY and not system.dynamics.any_size
         self.lasting = not (quick or self._interpreted)
         interpreting, quickly = max(PATIENCE, STEPS_PER_OPERATION * operations), LOST / (LOOP + operations)
@@ -112,7 +114,7 @@ class Engine:
             f"run{' interpreted' * interpreted} {self._name} {system.digest} {self.tables.digest}"
             f"{' in stretches' if system.breakpoints else ''}",
             lambda: write_run(system, kind, Programs(host.fused, interpreted)),
-            LASTING if lasting else QUICK,
+            LASTING if lasting or self._operations > TOO_MANY else QUICK,
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
         trial = compiled.address("trial_step") if system.events else 0
