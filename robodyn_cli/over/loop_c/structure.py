@@ -114,6 +114,7 @@ def with_able_keys(
     CapabilityError, SceneError : the motion cannot leave without any key, either.
     """
     keys: dict[str, tuple[float, float]] = {}
+    where = build({}).where  # a motion that cannot leave says so before its many keys are tried
     able, left = _candidates(family, cheap)
     found: list[Made] = []
 
@@ -136,7 +137,7 @@ def with_able_keys(
             if not found:
                 tried({})
             if len(names) == 1:
-                left[names[0]] = error.beyond(*cannot(found[0].where))
+                left[names[0]] = error.beyond(*cannot(where))
             else:
                 add(names[: len(names) // 2])
                 add(names[len(names) // 2 :])

@@ -235,6 +235,7 @@ class Allowed:
             return True
         low = np.minimum(values.min(axis=0, initial=np.inf), self._low)
         high = np.maximum(values.max(axis=0, initial=-np.inf), self._high)
+        read: set[bytes] = set()  # elements whose keys do not vary have the same rows
         for element in dict.fromkeys(key.element for key in self.keys):
             columns = [k for k, key in enumerate(self.keys) if key.element == element]
             if len(columns) > CORNERS:
@@ -242,6 +243,9 @@ class Allowed:
             for corner in itertools.product(*({low[k], high[k]} for k in columns)):
                 row = values[0].copy()
                 row[columns] = corner
+                if row.tobytes() in read:
+                    continue
+                read.add(row.tobytes())
                 if self._refusal(row) is not None:
                     return False
         self._low, self._high = low, high
