@@ -12,7 +12,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.given.motion import plan_motion, plan_near
 from robodyn_cli.over.sensitivity.asked import prepare
 from robodyn_cli.over.sensitivity.report import exact_slopes
-from robodyn_cli.over.study.runs import make_one
+from robodyn_cli.over.study.rows import Points, Task
+from robodyn_cli.over.study.runs import Compiled, make_one
 from robodyn_cli.scene.load import Family
 from robodyn_cli.solve.follow import PathFollower
 from robodyn_cli.works.inverse import inverse
@@ -69,3 +70,14 @@ def test_a_mass_leaves_the_path_alone(followed: list[int]) -> None:
     ((_, slope),) = slopes.items()
     values = [make_one(asked.task, 0, np.array([17.4 + d]))[0].rows[0]["outputs"][0] for d in (-0.1, 0.1)]
     assert slope.value == pytest.approx((values[1] - values[0]) / 0.2, rel=1e-5)
+
+
+def test_runs_that_expect_an_attitude_stay_together() -> None:
+    task = Task(Family(PICK), "inverse", ("robot.links.link2.mass",), ("rms_torque.q1", "attitude_residual"))
+    masses = np.array([[17.1], [17.4], [18.0]])
+    made = Compiled(task, 1).make(Points(np.arange(3), masses))
+    assert len(made.rows) == 3
+    for mass, row in zip(masses, made.rows):
+        one = make_one(task, 0, mass)[0].rows[0]
+        assert row["outputs"][0] == pytest.approx(one["outputs"][0], rel=1e-12)
+        assert 0.0 < row["outputs"][1] < 1e-14 and 0.0 < one["outputs"][1] < 1e-14

@@ -101,6 +101,7 @@ UNIQUE = "unique"
 # what the summary says of every run that is made here where a scene expects one of them
 WORDS: Mapping[str, str] = {"mechanism.torques": UNIQUE, "mechanism.multipliers": UNIQUE}
 SECTIONS = (
+    "attitude_residual",
     "constraint_residual",
     "drives",
     "error_estimate",
