@@ -80,6 +80,7 @@ class Loaded:
 
 AGREE = 1e-2  # of a step, by which two polynomials of a smooth rate put its root apart at most
 APART = 1e-3  # of the mean time between samples, by which times that are told apart differ
+LEFT = 1e-3  # of a step, up to which a polynomial of a rate that begins at rest may have roots that are none
 LEAST = 1e-100  # of the largest rate: one of which only the sign counts
 ROUNDED = 256 * np.finfo(float).eps  # of the fastest joint's rate, up to which rates may be rounding alone
 STEPS = 2  # of Newton's method to when a joint turns back, from a place that polynomials tell
@@ -196,24 +197,40 @@ def turns_of(times: Array, v: Array, a: Array) -> list[float]:
     even = np.ptp(np.diff(times[near], axis=1), axis=1) < 1e-6 * step
     known = np.flatnonzero(one & (n > 0) & (n < len(times) - 2) & even)
     near, step = near[known].T, step[known]
-    c = np.linalg.solve(_hermite(), np.concatenate([v[near], step * a[near]]))[::-1]
+    c = np.linalg.solve(_hermite(-1, 4), np.concatenate([v[near], step * a[near]]))[::-1]
     better = root[known]
     for _ in range(3):
         with np.errstate(divide="ignore", invalid="ignore"):
             better = better - value(c, better) / value(derivative(c), better)
     agrees = np.abs(better - root[known]) < AGREE
     roots[:, known[agrees]] = np.where(inside[:, known[agrees]], better[agrees], 1.0)
-    found: list[float] = np.sort(np.concatenate([rests, (n + roots)[inside]])).tolist()
+    begin, end = _behind_rest(times, v, a), _behind_rest(-times[::-1], v[::-1], -a[::-1])
+    found: list[float] = np.sort(
+        np.concatenate([rests, (n + roots)[inside], begin, len(times) - 1.0 - end])
+    ).tolist()
     return found
 
 
-@lru_cache(maxsize=1)
-def _hermite() -> Array:
-    """Return the matrix from a polynomial of degree 7, highest power first, to its values and slopes at -1, 0, 1, 2."""
-    x = np.arange(-1.0, 3.0)
-    values = np.vander(x, 8)
-    slopes = np.column_stack([np.vander(x, 7) * np.arange(7.0, 0.0, -1.0), np.zeros(4)])
-    return np.vstack([values, slopes])
+def _behind_rest(times: Array, v: Array, a: Array) -> Array:
+    """Return where rates (T,) that begin at rest turn back before the second sample, in steps: that sample and those
+    behind it are on one side. By the polynomial of degree 5 through three samples, where it says more than rounding."""
+    largest = np.abs(v).max(initial=0.0)
+    if len(v) < 3 or abs(v[0]) > LEAST * largest or np.ptp(np.diff(times[:3])) > 1e-6 * (times[1] - times[0]):
+        return np.zeros(0)
+    slopes = (times[1] - times[0]) * a[:3]
+    c = np.linalg.solve(_hermite(0, 3), np.concatenate([[0.0], v[1:3], slopes]))[::-1, None]
+    roots = real_roots(c[1:], np.ones(1))[:, 0]
+    turns = np.sort(roots[(roots > LEFT) & (roots < 1.0)])
+    before = value(c, 0.5 * turns[:1])
+    return turns if (np.abs(before) > ROUNDED * largest).all() else np.zeros(0)
+
+
+@lru_cache(maxsize=2)
+def _hermite(first: int, points: int) -> Array:
+    """Return the matrix from a polynomial, highest power first, to its values and slopes at points one apart."""
+    x, terms = first + np.arange(float(points)), 2 * points
+    slopes = np.vander(x, terms - 1) * np.arange(terms - 1.0, 0.0, -1.0)
+    return np.vstack([np.vander(x, terms), np.column_stack([slopes, np.zeros(points)])])
 
 
 def breaks_of_joint(times: Array, v: Array, a: Array, breaks: Sequence[float]) -> tuple[float, ...]:

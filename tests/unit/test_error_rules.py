@@ -112,7 +112,28 @@ def test_where_a_rate_turns_back() -> None:
     found = 0.05 * np.array(turns_of(t, np.cos(3.0 * t), -3.0 * np.sin(3.0 * t)))
     assert np.allclose(found, np.pi / 6.0 * np.array([1.0, 3.0, 5.0]), atol=1e-11)
     assert turns_of(np.arange(3.0), np.array([1.0, 0.5, 0.2]), np.zeros(3)) == []
-    assert turns_of(np.arange(5.0), np.array([0.0, -0.5, 0.0, 0.5, 0.0]), np.ones(5)) == [2.0]
+    slopes = np.array([-0.8, 0.0, 0.6, 0.0, -0.8])
+    assert turns_of(np.arange(5.0), np.array([0.0, -0.5, 0.0, 0.5, 0.0]), slopes) == [2.0]
+
+
+@pytest.mark.parametrize("power", [1, 2, 3, 4])
+@pytest.mark.parametrize("at", [0.3, 0.6, 0.95, np.inf])
+def test_a_motion_that_begins_or_ends_at_rest_may_turn_back_beside_it(power: int, at: float) -> None:
+    """v = t^n (at - t) beside the first sample and the last, whose neighbours are on the same side; or t^n alone."""
+    t = np.arange(40.0)
+    rate = np.polynomial.Polynomial([0.0] * power + ([1.0] if np.isinf(at) else [at, -1.0]))
+    v, a = rate(t), rate.deriv()(t)
+    v[0] = LEAST * np.sign(v[1])
+    expected = [] if np.isinf(at) else [at]
+    assert turns_of(t, v, a) == pytest.approx(expected, rel=1e-6)
+    assert turns_of(t, v[::-1], -a[::-1]) == pytest.approx([39.0 - x for x in expected], rel=1e-6)
+
+
+def test_rounding_beside_rest_turns_nothing_back() -> None:
+    t = np.arange(40.0)
+    v, a = np.maximum(t - 2.0, 0.0) ** 3, 3.0 * np.maximum(t - 2.0, 0.0) ** 2
+    v[:3], a[:3] = [0.0, 1e-17, 2e-17], [-1e-16, 1e-16, 1e-17]
+    assert turns_of(t, v, a) == []
 
 
 def test_rounding_decides_no_sign_of_a_rate() -> None:

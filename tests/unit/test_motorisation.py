@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robodyn_cli import SceneError, deploy, inverse, load_scene, load_scene_text, simulate
@@ -476,6 +476,7 @@ inverse: {{samples: {n}}}
     g=st.sampled_from([2.0, 9.81]), k=st.floats(0.5, 5.0), rest=st.floats(-2.0, 2.0), c=POSITIVE, m=POSITIVE,
     a=st.floats(-1.2, 1.2), b=st.floats(-1.2, 1.2), d=st.floats(-1.2, 1.2),
 )  # fmt: skip
+@example(g=2.0, k=1.0, rest=0.0, c=1.0, m=1.0, a=0.76953125, b=0.50390625, d=-0.34375)  # back at once by 1e-10 rad
 def test_least_ratios_where_a_rate_or_a_torque_changes_sign(**keys: float) -> None:
     """Gravity begins to resist and friction turns back within the motion: place and value are those of other samples."""
     found = []
