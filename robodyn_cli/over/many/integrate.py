@@ -324,19 +324,29 @@ def keeps_energy(batch: RunBatch, y: Array, steps: NDArray[np.int64], p: Array |
 
 def keeps_energy_along(batch: RunBatch, method: str) -> Masks:
     """Tell in which runs the energy is in balance at samples along the way, as ``energy_out_of_balance`` does."""
-    motion = batch.structure.motion
-    system, step = motion.system, batch.ends / LOOKED_AT
+    motion, step = batch.structure.motion, batch.ends / LOOKED_AT
     runs = batch.drive(method, batch.options, sampling=Sampling(LOOKED_AT, step))
-    x = np.concatenate([batch.states[None], runs.out.transpose(2, 0, 1)])
-    none = list(system.parameters)
-    energies = [_energies(batch, k * step, states, none) for k, states in enumerate(x)]
-    kinetic, potential, work = (np.array(part) for part in zip(*energies))
-    course = EnergyCourse(kinetic, potential, work, *system.split(x)[:2])
+    x = np.concatenate([batch.states[:, None], runs.out.transpose(0, 2, 1)], axis=1)
+    energies = energies_along(batch, np.multiply.outer(step, np.arange(x.shape[1])), x)
+    course = EnergyCourse(*(y.swapaxes(0, 1) for y in (*energies, *motion.system.split(x)[:2])))
     rounding = sum(watcher.rounding for watcher in motion.watchers)
     kept: Masks = runs.arrived & np.all(
         course.drift <= course.allowed(runs.steps, batch.options, rounding), axis=0
     )
     return kept
+
+
+def energies_along(batch: RunBatch, t: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Return kinetic and potential energy, and the work that was done [J], of runs at times (N, T) and states
+    (N, T, nx): (N, T) each."""
+    structure, system = batch.structure, batch.structure.motion.system
+    kernel = structure.energies_at_samples
+    q, v, z = system.split(x)
+    tables = batch.numbers.table(kernel.program.numbers or (0.0,))
+    groups = {"t": t[..., None], "q": q, "v": v, "p": np.array([*system.parameters, 0.0])}
+    found = kernel.of_tables(tables, x.shape[1], groups)
+    work = z[..., -1] if system.work_done_by else np.zeros(t.shape)
+    return found["kinetic"][:, 0], found["potential"][:, 0], work
 
 
 def _energies(batch: RunBatch, t: Any, x: Array, p: Any) -> tuple[Array, Array, Array]:

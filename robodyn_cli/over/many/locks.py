@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import RobodynError
+from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.observe.recorder import Recorder
@@ -27,7 +28,7 @@ from robodyn_cli.over.many.course import (
     recordings,
     with_between,
 )
-from robodyn_cli.over.many.integrate import Driven, RunBatch
+from robodyn_cli.over.many.integrate import Driven, RunBatch, energies_along
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
@@ -233,8 +234,12 @@ def figures_along(batch: RunBatch, method: str, times: Array, keys: Sequence[str
         rows = np.arange(first, min(first + size, count))
         part, most = batch.part(rows), int(taken[rows].max())
         runs = part.sampled(method, times[rows], most, step[rows])
+        seen = np.minimum(taken[rows], runs.n[:, IntegerSlot.NEXT_SAMPLE] - 1)
+        if wanted and not constrained:
+            largest[rows, len(RESIDUALS) :] = _energy_drifts(part, runs, seen, times[rows], step[rows])
+            continue
         for k, observer in zip(rows.tolist(), part.structure.observers(part.numbers)):
-            own = min(taken[k], int(runs.n[k - first, IntegerSlot.NEXT_SAMPLE]) - 1)
+            own = int(seen[k - first])
             states = np.vstack([part.states[k - first], runs.out[k - first, :, :own].T, runs.y[k - first]])
             at = np.append(step[k] * np.arange(own + 1), times[k])
             states = np.asfortranarray(states)
@@ -245,3 +250,20 @@ def figures_along(batch: RunBatch, method: str, times: Array, keys: Sequence[str
             elif constrained:
                 largest[k, : len(RESIDUALS)] = observer.largest_residuals(at, states)
     return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(ALONG)}
+
+
+def _energy_drifts(batch: RunBatch, runs: Runs, seen: Array, times: Array, step: Array) -> Array:
+    """Return the figures of ``ENERGIES`` (N, 2) over the first samples ``seen`` (N,) of runs, one each ``step`` (N,)
+    [s], and their ends at times (N,); the scale is that of ``Recorder``."""
+    x = np.concatenate([batch.states[:, None], runs.out.transpose(0, 2, 1), runs.y[:, None]], axis=1)
+    t = np.column_stack([np.multiply.outer(step, np.arange(x.shape[1] - 1.0)), times])
+    beyond = np.arange(x.shape[1]) > seen[:, None]
+    beyond[:, -1] = False
+    # what is not sampled changes nothing
+    x[beyond], t[beyond] = np.broadcast_to(batch.states[:, None], x.shape)[beyond], 0.0
+    kinetic, potential, work = energies_along(batch, t, x)
+    balance = kinetic + potential - work
+    drift = np.abs(balance - balance[:, :1]).max(axis=1)
+    scale = np.maximum(np.ptp(potential, axis=1), kinetic.max(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.column_stack([drift, np.where(scale > 0.0, drift / scale, 0.0)])

@@ -144,6 +144,15 @@ class Structure(Built):
         return Expressions([self.motion.problem.kinetic, potential_energy(self.motion.problem)])
 
     @cached_property
+    def energies_at_samples(self) -> SampleKernel:
+        """The same as a function of samples; its table is that of a run."""
+        from robodyn_cli.observe.observe import potential_energy
+
+        problem = self.motion.problem
+        outputs = {"kinetic": [problem.kinetic], "potential": [potential_energy(problem)]}
+        return SampleKernel(outputs, STATE_GROUPS)
+
+    @cached_property
     def psi_of_loops(self) -> Expressions:
         """Psi of the loops' rows, row by row."""
         problem = self.motion.problem
