@@ -101,7 +101,7 @@ ROOMS = {
     "kernels/from_c": ["test_from_c.py"],
     "solve/closing/together.py": ["test_rough_starts.py", "test_mechanism.py", "test_many_statics.py"],
     "over/search": ["test_search.py"],
-    "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py", "test_slopes.py"],
+    "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py", "test_sensitivity_overconstrained.py", "test_slopes.py"],
     "over/study/design.py": STUDY,
     "over/study/report.py": STUDY,
     "over/study/rows.py": STUDY,

@@ -17,6 +17,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.error import First, first_attempt
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.keys import OPTION, START, Key
+from robodyn_cli.over.sensitivity.motion.constrained import ConstraintSlopes
 from robodyn_cli.over.sensitivity.motion.course import (
     BESIDE,
     Switch,
@@ -208,6 +209,7 @@ class MotionSlopes:
         # keys that are the time of the end
         self._lasting = np.array([float(key.sort == OPTION) for key in keys])
         self.variational = Variational(motion, places)
+        self.constraints = ConstraintSlopes(motion.problem, self.variational)
         self.updates = Updated(motion, self.variational)
         self.start = self.updates.begun(start_slopes(motion, self.variational, keys))
         self.until(ending)
@@ -268,6 +270,8 @@ class MotionSlopes:
         along, nodes = self.variational.along(course.t, x, course.p), nodes_of(course.samples)
         lengths = course.t[nodes[:, -1]] - course.t[nodes[:, 0]]
         ways, shares = transfers(along.A[nodes], along.B[nodes], lengths, along.nq)
+        last = nodes[:, -1]
+        self.constraints.keep(ways, shares, course.t[last], x[last], course.p[last])
         switches = dict(zip((k * blocks for k in course.switched), self.switches))
         S = self.start
         for k, (way, share) in enumerate(zip(ways, shares)):
@@ -346,7 +350,7 @@ class MotionSlopes:
         else:
             at = self.variational.slopes([function], end.t, end.x)
             end = end.moved(-float(at.values[0]) / self._pace(at, end.rate))
-        (S, sizes), terms = self._on_constraints(end), np.abs(shift)
+        (S, sizes), terms = self.constraints.end(end, p), np.abs(shift)
         if function is not None:
             at = self.variational.slopes([function], end.t, end.x)
             pace = self._pace(at, end.rate)
@@ -366,24 +370,6 @@ class MotionSlopes:
             np.vstack([shift, values[places], own.slopes]), np.vstack([terms, sizes[places], own.sizes]),
             np.vstack([0.0 * shift, doubts, np.abs(moved.slopes - own.slopes)]),
         )  # fmt: skip
-
-    def _on_constraints(self, end: StatePoint) -> tuple[Array, Array]:
-        """Return S moved onto the derivatives of the constraints, from which integration drifts, and the sizes of the
-        terms that it is a sum of.
-
-        Psi S_q + eta_k = 0,  d(Psi v + eta_t)/dx S + d(Psi v + eta_t)/dk = 0
-        """
-        problem, n = self.motion.problem, self.variational.system.nq
-        rows, S, sizes = problem.constraints, end.S.copy(), np.abs(end.S)
-        for level, outputs in enumerate((rows.eta, rows.velocity_residual(problem.v))):
-            if not outputs:
-                break
-            at = self.variational.slopes(outputs, end.t, end.x)
-            places = slice(level * n, level * n + n)
-            back = np.linalg.pinv(at.state[:, places], rcond=RANK_TOLERANCE)
-            sizes[places] += np.abs(back) @ (np.abs(at.state) @ np.abs(S) + np.abs(at.keys))
-            S[places] -= back @ (at.state @ S + at.keys)
-        return S, sizes
 
     @staticmethod
     def _pace(at: Slopes, rate: Array) -> float:

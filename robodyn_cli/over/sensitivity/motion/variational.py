@@ -193,9 +193,9 @@ class Variational:
         self._places = tuple(places)
         self._known: dict[tuple[int, ...], tuple[Any, ...]] = {}  # gradients, by the identity of expressions
         rates = self.system.rates
-        self._rates = Gradients({"f": rates}, self._columns(rates), STATE_GROUPS)
+        self._rates = Gradients({"f": rates}, self.columns(rates), STATE_GROUPS)
 
-    def _columns(self, outputs: Sequence[Scalar]) -> Columns:
+    def columns(self, outputs: Sequence[Scalar]) -> Columns:
         """Return what expressions are differentiated by: the state, time, then the keys."""
         system, n = self.system, self.system.size
         first = {"q": 0, "v": system.nq, "z": system.nq + system.nv, "t": n}
@@ -203,31 +203,18 @@ class Variational:
         return Columns({e.index: first[e.value[1]] + e.value[2] for e in symbols}, n + 1, self._places)
 
     def along(self, t: Array, x: Array, p: Array) -> Linearised:
-        """Return the equations linearised at times t (T,) and states x (T, nx), with parameters p (T, np) of latches.
+        """Return the equations linearised at times t (T,) and states x (T, nx), with the motion's parameters p (T, np).
 
         Raises
         ------
         CapabilityError : something there is not finite.
         """
         system, n = self.system, self.system.size
-        f, J = self._evaluate(t, x, p)
+        f, J = self._rates(len(t), system.own_groups(t, x, p))["f"]
         rate = np.concatenate([x[:, system.nq : system.nq + system.nv], f], axis=1)
         if not (np.isfinite(J).all() and np.isfinite(rate).all()):
             raise CapabilityError("derivatives along the motion are not finite")
         return Linearised(t, x, rate, J[:, :, :n], J[:, :, n + 1 :], J[:, :, n], system.nq)
-
-    def _evaluate(self, t: Array, x: Array, p: Array) -> tuple[Array, Array]:
-        """Return the rates of v and z (T, nr), and their derivatives."""
-        partition = self.system.partition
-        if partition is None:
-            return self._rates(len(t), self.system.own_groups(t, x, p))["f"]
-        # accelerations on the constraints do not depend on the combination of dependent rows, if only it has full rank
-        parts = []
-        for k in range(len(t)):
-            p = np.zeros(partition.first + partition.count)
-            p[partition.first :] = partition.choose(float(t[k]), self.system.split(x[k])[0], None)
-            parts.append(self._rates(1, self.system.own_groups(t[k : k + 1], x[k : k + 1], p))["f"])
-        return np.concatenate([f for f, _ in parts]), np.concatenate([J for _, J in parts])
 
     def slopes(self, outputs: Sequence[Scalar], t: float, x: Array, **more: Array) -> Slopes:
         """Return the derivatives of expressions of the integrator's symbols at time t and state x (nx,).
@@ -237,7 +224,7 @@ class Variational:
         n = self.system.size
         identity = tuple(map(id, outputs))
         if identity not in self._known:
-            self._known[identity] = outputs, at_one_point(outputs, self._columns(outputs))
+            self._known[identity] = outputs, at_one_point(outputs, self.columns(outputs))
         _, function = self._known[identity]
         values, J = function({**self.system.own_groups([t], x, np.zeros(0)), **more})
         return Slopes(values, J[:, :n], J[:, n + 1 :], J[:, n])
