@@ -219,6 +219,7 @@ class Evaluated:
         """Return when most of a limit is used [s]."""
         return float(np.float64(self.uses[name].at))
 
+    @cached_property
     def _temperatures(self) -> tuple[float, float, float] | None:
         """Return peak, mean and the end of a first cycle [degC]; None where they are not known, or not steady."""
         cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
@@ -229,10 +230,10 @@ class Evaluated:
         return float(peak), float(samples.mean(cycle.temperature)), self.train.supply.ambient + float(first)
 
     def _winding(self) -> WindingTemperatures | Absent:
-        own, fewer = self._temperatures(), (self.half._temperatures(), self.half.half._temperatures())
+        own, fewer = self._temperatures, (self.half._temperatures, self.half.half._temperatures)
         if own is None or None in fewer:
             return ABSENT
-        return WindingTemperatures(*own, error=self.by_fewer(lambda x: x._temperatures()))
+        return WindingTemperatures(*own, error=self.by_fewer(lambda x: x._temperatures))
 
     def _inertia_ratio(self) -> tuple[list[float] | Absent, float | Absent]:
         """Return smallest and largest inertia of the mechanism over that of the drives, and their error."""

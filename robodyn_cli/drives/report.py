@@ -146,9 +146,13 @@ class Drives:
     def of(scene: Scene, problem: Problem, moved: Moved, still: StandingStill | None = None) -> Drives:
         """Return the drives of a scene along a motion. still : of the problem, where it is known."""
         still = still or StandingStill(scene, problem, len(moved.times))
-        rest, rates = still(moved), settled(moved.qd)
-        drives = {}
-        for name, train in still.trains.items():
+        return Drives.along(problem, still.trains, moved, still(moved))
+
+    @staticmethod
+    def along(problem: Problem, by_joint: Mapping[str, Train], moved: Moved, rest: Standstill) -> Drives:
+        """Return some drives, by joint, along a motion of which it is known what the joints feel."""
+        rates, drives = settled(moved.qd), {}
+        for name, train in by_joint.items():
             k = problem.model.v_names.index(name)
             reflected = float(train.reflected)
             load = moved.tau[:, k] - reflected * moved.qdd[:, k]
@@ -200,41 +204,54 @@ class Standstill:
     hold: Array | None
 
 
-class StandingStill:
-    """``Standstill`` as a function of motions, for the drives of a scene.
+def standing_outputs(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return what ``Standstill`` follows from, of v = v-dot = 0: M, what holds, and Psi of the loops."""
+    prescribed = problem.constraints.prescribed
+    M, terms = problem.tree_mass_matrix, list(torque_terms(problem).values())
+    hold: list[Any] = [sum((term[k] for term in terms[1:]), terms[0][k]) for k in range(problem.model.nv)]
+    outputs: dict[str, list[Scalar]] = {"M": list(M.flat), "hold": hold}
+    groups = {n: {symbol.value[1] for symbol in free_symbols(x)} for n, x in outputs.items()}
+    outputs = {n: x for n, x in outputs.items() if not groups[n] & {UNKNOWN_GROUP, PARAMETER_GROUP}}
+    rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in prescribed]
+    return {**outputs, "psi": [x for row in rows for x in row]}
 
-    trains : by joint. function : M, what holds and Psi of samples.
+
+def standstill(problem: Problem, arrays: Mapping[str, Array]) -> Standstill:
+    """Return what joints feel, from samples (T, n) of ``standing_outputs``.
 
     With loops, the driven joints are the coordinates of the mechanism where they are as many as its degrees of
     freedom: the others follow by v = R v_driven, and inertia and torques are diag(R^T M R) and R^T g.
     """
+    nv, names = problem.model.nv, problem.model.v_names
+    samples, entries = arrays["psi"].shape
+    driven = [names.index(name) for name in problem.scene.drives]
+    R = following(arrays["psi"].reshape(samples, entries // nv, nv), driven)
+    if R is None:
+        return Standstill(None, None)
+    M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
+    inertia = None if M_t is None else np.einsum("tik,tij,tjk->tk", R, M_t, R)
+    return Standstill(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
+
+
+class StandingStill:
+    """``Standstill`` as a function of motions, for the drives of a scene.
+
+    trains : by joint. function : ``standing_outputs`` of samples.
+    """
 
     def __init__(self, scene: Scene, problem: Problem, samples: int) -> None:
         self.problem, self.trains = problem, trains(scene)
-        prescribed = problem.constraints.prescribed
-        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in prescribed]
-        M, terms = problem.tree_mass_matrix, list(torque_terms(problem).values())
-        hold: list[Any] = [sum((term[k] for term in terms[1:]), terms[0][k]) for k in range(problem.model.nv)]
-        outputs: dict[str, list[Scalar]] = {"M": list(M.flat), "hold": hold}
-        groups = {n: {symbol.value[1] for symbol in free_symbols(x)} for n, x in outputs.items()}
-        outputs = {n: x for n, x in outputs.items() if not groups[n] & {UNKNOWN_GROUP, PARAMETER_GROUP}}
-        outputs["psi"] = [x for row in rows for x in row]
-        self._rows, self.function = len(rows), SampleFunction(outputs, MOTION_GROUPS, samples)
+        self.function = SampleFunction(standing_outputs(problem), MOTION_GROUPS, samples)
 
     def __call__(self, moved: Moved) -> Standstill:
         """Return what joints feel along a motion."""
-        still, model = np.zeros_like(moved.qd), self.problem.model
-        arrays = self.function(
-            t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
+        still = np.zeros_like(moved.qd)
+        return standstill(
+            self.problem,
+            self.function(
+                t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
+            ),
         )
-        nv = model.nv
-        driven = [model.v_names.index(name) for name in self.problem.scene.drives]
-        R = following(arrays["psi"].reshape(len(moved.times), self._rows, nv), driven)
-        if R is None:
-            return Standstill(None, None)
-        M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
-        inertia = None if M_t is None else np.einsum("tik,tij,tjk->tk", R, M_t, R)
-        return Standstill(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
 
 
 def following(psi: Array, driven: Sequence[int]) -> Array | None:

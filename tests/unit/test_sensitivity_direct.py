@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import inverse, sensitivity
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import differences, is_time_of_sample
 from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.scene.load import load_scene_text
@@ -211,6 +212,28 @@ def test_drives_follow_their_own_numbers_too() -> None:
     of = ["drives.theta1.margin", "drives.theta1.shaft.peak_torque", "drives.theta1.gear_loss"]
     to = ["robot.links.link2.mass", "gravity.1"]
     agree(CONFIGS / "2r_drives.yaml", to, of, "inverse.samples=201", "expect={}")
+
+
+def test_data_of_motors_change_with_their_keys() -> None:
+    to, of = ["drives.theta1.coupling_inertia"], ["drives.theta1.inertia_ratio.1", "drives.theta1.margin"]
+    agree(CONFIGS / "2r_drives.yaml", to, of, "inverse.samples=101", "expect={}", f"{to[0]}=1e-5")
+
+
+def test_drives_of_mechanisms_feel_what_moves_with_them() -> None:
+    drives = "drives={left: {motor: servo2p4_3000, gear: wave40_100, brake: brake9, mass_on: none},\
+        right: {motor: servo1p27_3000, gear: wave32_100, brake: brake2, mass_on: none}}"
+    of = ["drives.left.margin", "drives.left.limits.brake.use", "drives.right.inertia_ratio.1"]
+    to = ["robot.joints.bend_left.a", "robot.links.crank_left.mass"]
+    agree(CONFIGS / "mechanisms/five_bar_circle.yaml", to, of, drives, "inverse.samples=101", "expect={}")
+
+
+def test_scenes_are_read_anew_for_what_changes_drives_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mass leaves motors and gears as they are: the scene is changed to see this, and whether the key is structure."""
+    changed, read = AskedSlopes.changed, list[object]()
+    monkeypatch.setattr(AskedSlopes, "changed", lambda *x: (read.append(x), changed(*x))[1])
+    question = asked(CONFIGS / "2r_drives.yaml", ["robot.links.link2.mass"], ["drives.theta1.margin"])
+    assert exact_slopes(question)[0]
+    assert len(read) == 2
 
 
 # -- kinematics ------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from robodyn_cli.drives.report import Moved
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
@@ -24,6 +25,7 @@ from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_nth, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
+from robodyn_cli.over.sensitivity.of_drives import DriveSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import Unbalanced, share_change
@@ -65,6 +67,8 @@ class InverseSlopes:
             ReactionSamples(self.problem, len(self.led.course.times)) if scene.outputs.reactions else None
         )
         self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
+        has_drives = bool(scene.drives) and any(x.startswith("drives.") for x in asked.task.outputs)
+        self.drives = DriveSlopes(asked, self.problem, numbers, self.led.places) if has_drives else None
 
     def _outputs(self) -> dict[str, Sequence[Scalar]]:
         terms = self.program.terms.values()
@@ -78,7 +82,8 @@ class InverseSlopes:
     @property
     def programs(self) -> list[Program]:
         """The code of values and derivatives."""
-        return [self.gradients.program, *self.led.programs]
+        drives = [] if self.drives is None else [self.drives.gradients.program]
+        return [self.gradients.program, *self.led.programs, *drives]
 
     def slopes(self) -> dict[str, list[Slope]]:
         """Return the derivatives of those outputs that are figures of the samples."""
@@ -97,16 +102,20 @@ class InverseSlopes:
         return evaluated_at(self.program, self.led.course.times)[1]
 
     @cached_property
+    def _groups(self) -> dict[str, Array]:
+        """Samples (T, n) of t, q, v, v-dot, and multipliers of all rows."""
+        sampled, motion = self.sampled, self.sampled.motion
+        lam = self.program.row_multipliers(sampled)
+        if lam is None:
+            lam = np.zeros((len(sampled.times), len(self.problem.constraints.rows)))
+        return {"t": sampled.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd, "lam": lam}
+
+    @cached_property
     def moved(self) -> dict[str, Array]:
         """Derivatives (T, n, K) of t, q, v, v-dot, of the torques, and of the wrenches that are wanted by path."""
-        sampled, motion = self.sampled, self.sampled.motion
-        groups = {"t": sampled.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
-        moved = self.led.moved(groups)
-        lam = self.program.row_multipliers(sampled)
-        groups["lam"] = (
-            np.zeros((len(sampled.times), len(self.problem.constraints.rows))) if lam is None else lam
-        )
-        along = self.gradients(groups)
+        sampled = self.sampled
+        moved = self.led.moved({name: x for name, x in self._groups.items() if name != "lam"})
+        along = self.gradients(self._groups)
         tau = along.change("load", moved)
         if sampled.loops is not None:
             tau, moved["lam"] = self._shared(along.change("psi", moved), tau)
@@ -169,9 +178,17 @@ class InverseSlopes:
                     ABSENT, ABSENT, largest_loads(times, data, self.loads.names, loaded.breaks)
                 ),
             )
-        if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
-            figures = dataclasses.replace(figures, drives=self._drives(sampled, step, k))
+        if self.drives is not None:
+            breaks = tuple(breaks_of(self.problem, times, motion))
+            run = Moved(times, motion.q, motion.qd, motion.qdd, there["tau"], breaks)
+            rest = {name: (x + step * change[:, :, k])[part] for name, (x, change) in self.rest.items()}
+            figures = dataclasses.replace(figures, drives=self.drives.figures(run, rest, k, step))
         return figures
+
+    @cached_property
+    def rest(self) -> dict[str, tuple[Array, Array]]:
+        """What drives feel of the mechanism where it stands still, with derivatives; see ``DriveSlopes``."""
+        return {} if self.drives is None else self.drives.at_rest(self._groups, self.moved)
 
     @cached_property
     def wrenches(self) -> Mapping[str, Array]:
@@ -181,18 +198,6 @@ class InverseSlopes:
         sampled, motion = self.sampled, self.sampled.motion
         lam = self.program.row_multipliers(sampled)
         return self.loads(sampled.times, motion.q, motion.qd, motion.qdd, lam, sampled.p)
-
-    def _drives(self, sampled: Sampled, step: float, k: int) -> dict[str, DriveFigures]:
-        """Return the figures of the drives along samples, for a key changed by so much."""
-        from robodyn_cli.drives.report import Drives, Moved
-
-        number = self.numbers[k]
-        part = step / (abs(self.asked.values[number]) or 1.0)
-        scene = self.asked.changed([number], part) if step else self.asked.scene
-        motion = sampled.motion
-        breaks = tuple(breaks_of(self.problem, sampled.times, motion))
-        moved = Moved(sampled.times, motion.q, motion.qd, motion.qdd, sampled.tau, breaks)
-        return Drives.of(scene, program_of(scene).problem if step else self.problem, moved).figures()
 
 
 def _refuse(program: InverseProgram) -> None:
