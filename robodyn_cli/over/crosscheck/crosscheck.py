@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError, of_option
 from robodyn_cli.over.commands import command_of, locks
-from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
+from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, closures_of, translate
 from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
 from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.scene.types import Scene
@@ -114,9 +114,10 @@ def _torques(translated: Translation, other: PeerEngine, progress: Progress) -> 
     t, q, v, a = result["time"].ravel(), result["q"], result["qd"], result["qdd"]
     theirs, apart = np.empty_like(v), 0.0
     for k in range(len(t)):
+        other.bring(q[k], v[k])
         rigid = other.torques(q[k], v[k], a[k])
         back = other.free_accelerations(q[k], v[k], rigid) - a[k]
-        apart = max(apart, float(np.abs(other.mass_matrix(q[k]) @ back).max()))
+        apart = max(apart, float(np.abs(other.mass_matrix() @ back).max()))
         given = {"t": [t[k]], "q": q[k].tolist(), "v": v[k].tolist(), "a": a[k].tolist(), "p": []}
         theirs[k] = rigid - translated.plain(q[k], v[k]) - np.array(handed(given), dtype=float)
     own = result.summary["error_estimate"].get("torque_rounding")
@@ -162,7 +163,7 @@ def _integrated(
     from scipy.integrate import solve_ivp
 
     model, rest = translated.model, translated.rest
-    closed = (model.loops, translated.couplers, rank_tolerance(rest, start[: model.nq], times[0]))
+    closed = (closures_of(model), translated.couplers, rank_tolerance(rest, start[: model.nq], times[0]))
     handed = translated.evaluator(smooth=True)
 
     def rate(t: float, x: Array) -> Array:
@@ -181,10 +182,13 @@ def _integrated(
     states, x = np.empty((len(times), len(start))), start
     for low, high in zip(edges, edges[1:]):
         inside = (times >= low) & (times <= high)
-        run = solve_ivp(rate, (low, high), x, method="DOP853", rtol=rtol, atol=1e-2 * rtol, dense_output=True)
+        # further evaluations make a step's polynomial, so it is asked for in steps with samples alone
+        asked = np.union1d(times[inside], high)
+        run = solve_ivp(rate, (low, high), x, method="DOP853", rtol=rtol, atol=1e-2 * rtol, t_eval=asked)
         if not run.success:
-            raise NumericalError(f"the other engine's motion stops at t = {run.t[-1]:.6g} s: {run.message}")
-        states[inside] = run.sol(times[inside]).T
+            reached = run.t[-1] if len(run.t) else low
+            raise NumericalError(f"the other engine's motion stops at t = {reached:.6g} s: {run.message}")
+        states[inside] = run.y.T[np.searchsorted(asked, times[inside])]
         x = run.y[:, -1]
     return states
 

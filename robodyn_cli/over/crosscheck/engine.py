@@ -24,7 +24,7 @@ from robodyn_cli.over.export.scene import filled
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import Array, cross
 
 MISSING = "{} is not installed: pip install 'robodyn[oracle]'"
 
@@ -66,11 +66,15 @@ class PeerEngine(ABC):
         """Return the accelerations (nv,) of the open tree under torques tau (nv,)."""
 
     @abstractmethod
-    def mass_matrix(self, q: Array) -> Array:
+    def bring(self, q: Array, v: Array) -> None:
+        """Bring the mechanism to a state, of which ``mass_matrix`` and ``place`` are then."""
+
+    @abstractmethod
+    def mass_matrix(self) -> Array:
         """Return M (nv, nv), rotors included."""
 
     @abstractmethod
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
+    def place(self, frame: FixedFrame) -> PeerPlace:
         """Return a frame fixed to a body."""
 
     def in_our_order(self, x: Array) -> Array:
@@ -80,7 +84,11 @@ class PeerEngine(ABC):
         return out
 
     def accelerations(
-        self, state: tuple[Array, Array, Array], loops: Sequence[Loop], couplers: Array, tolerance: float
+        self,
+        state: tuple[Array, Array, Array],
+        closures: Sequence[PeerClosure],
+        couplers: Array,
+        tolerance: float,
     ) -> Array:
         """Return the accelerations (nv,) at a state (q, v, tau) with closed loops: M a = tau - h + Psi^T lambda,
         Psi a + gamma = 0.
@@ -90,37 +98,56 @@ class PeerEngine(ABC):
         other.
         """
         q, v, tau = state
-        rows = [self._rows(loop, q, v) for loop in loops]
-        if len(couplers):
-            rows.append((couplers, np.zeros(len(couplers))))
-        if not rows:
+        if not closures and not len(couplers):
             return self.free_accelerations(q, v, tau)
+        self.bring(q, v)
+        rows = [self._rows(closure) for closure in closures]
+        rows.append((couplers, np.zeros(len(couplers))))
         psi = np.concatenate([psi for psi, _ in rows])
         gamma = np.concatenate([gamma for _, gamma in rows])
+        M = self.mass_matrix()
         force = tau - self.torques(q, v, np.zeros_like(v))
-        M = self.mass_matrix(q)
         return np.asarray(accelerations(M[None], force[None], psi[None], gamma[None], tolerance)[0])
 
-    def _rows(self, loop: Loop, q: Array, v: Array) -> tuple[Array, Array]:
+    def _rows(self, closure: PeerClosure) -> tuple[Array, Array]:
         """Return Psi (m, nv) and gamma (m,) of a closure: equal points, and no turning about some directions."""
-        first, second = self.place(q, v, loop.first), self.place(q, v, loop.second)
+        first, second = self.place(closure.first), self.place(closure.second)
         J, a = second.J - first.J, second.a - first.a
-        psi, gamma = [*J[3:]], [*a[3:]]
-        for u in (first.R @ directions(loop)).T:
-            psi.append(u @ J[:3])
-            gamma.append(u @ a[:3] + np.cross(first.w, u) @ (second.w - first.w))
-        return np.array(psi), np.array(gamma)
+        u = closure.directions @ first.R.T
+        turning = u @ a[:3] + (second.w - first.w) @ cross(first.w, u.T)
+        return np.concatenate([J[3:], u @ J[:3]]), np.concatenate([a[3:], turning])
 
 
-def directions(loop: Loop) -> Array:
-    """Return the directions (3, n), in the axes of the first frame, about which a closure lets nothing turn."""
+@record
+class PeerClosure:
+    """A closure of a loop: its frames, and the directions (n, 3), in the axes of the first, about which nothing
+    turns."""
+
+    first: FixedFrame
+    second: FixedFrame
+    directions: Array
+
+
+def closures_of(model: Model) -> list[PeerClosure]:
+    """Return the closures of a model's loops, with frames of floats."""
+    return [
+        PeerClosure(_in_floats(loop.first), _in_floats(loop.second), _directions(loop))
+        for loop in model.loops
+    ]
+
+
+def _in_floats(frame: FixedFrame) -> FixedFrame:
+    return dataclasses.replace(frame, p=real(frame.p), R=real(frame.R))
+
+
+def _directions(loop: Loop) -> Array:
     kind = loop.element.type
     if kind == "spherical":
-        return np.zeros((3, 0))
+        return np.zeros((0, 3))
     if kind == "fixed":
         return np.eye(3)
     axis = np.array(loop.element.axis, dtype=float)
-    return np.linalg.svd(axis[None])[2][1:].T
+    return np.linalg.svd(axis[None])[2][1:]
 
 
 CLOSURES = ("revolute", "spherical", "fixed")

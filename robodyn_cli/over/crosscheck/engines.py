@@ -16,7 +16,7 @@ from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck import engine
 from robodyn_cli.over.export.mjcf import JOINTS, add_bodies, mujoco_element
 from robodyn_cli.over.export.robot import ExportedFrames, ExportedRobot, links_of, loops_of, xml_text
-from robodyn_cli.spatial.algebra import Array, Transform
+from robodyn_cli.spatial.algebra import Array, Transform, cross
 
 XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
 
@@ -96,16 +96,18 @@ class InPinocchio(engine.PeerEngine):
     def free_accelerations(self, q: Array, v: Array, tau: Array) -> Array:
         return self.in_our_order(np.array(self.pin.aba(self.model, self.data, *self._to(q, v, tau))))
 
-    def mass_matrix(self, q: Array) -> Array:
-        M = np.array(self.pin.crba(self.model, self.data, *self._to(q)))
+    def bring(self, q: Array, v: Array) -> None:
+        self._q, rates = self._to(q, v)
+        self.pin.computeJointJacobians(self.model, self.data, self._q)
+        self.pin.forwardKinematics(self.model, self.data, self._q, rates, np.zeros(self.size))
+
+    def mass_matrix(self) -> Array:
+        M = np.array(self.pin.crba(self.model, self.data, self._q))
         return self.in_our_order(self.in_our_order(np.triu(M) + np.triu(M, 1).T).T)
 
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> engine.PeerPlace:
+    def place(self, frame: FixedFrame) -> engine.PeerPlace:
         pin, joint = self.pin, self.joint[frame.body]
         at = self.pin.SE3(engine.real(frame.R), engine.real(frame.p))
-        here, rates = self._to(q, v)
-        pin.computeJointJacobians(self.model, self.data, here)
-        pin.forwardKinematics(self.model, self.data, here, rates, np.zeros(self.size))
         local = pin.Frame("", joint, 0, at, pin.FrameType.OP_FRAME)
         pose = self.data.oMi[joint] * local.placement
         axes = pin.LOCAL_WORLD_ALIGNED
@@ -176,7 +178,7 @@ class InMujoco(engine.PeerEngine):
         drift = np.zeros(self.size)
         for body in self.flying:
             k = body.v
-            drift[k : k + 3] = np.cross(v[k + 3 : k + 6], v[k : k + 3])
+            drift[k : k + 3] = cross(v[k + 3 : k + 6], v[k : k + 3])
         return drift
 
     def _set(self, q: Array, v: Array) -> Array:
@@ -196,26 +198,26 @@ class InMujoco(engine.PeerEngine):
         self.mj.mj_forward(self.model, self.data)
         return np.asarray(self.in_our_order(np.array(self.data.qacc)) @ T) - self._drift(v)
 
-    def mass_matrix(self, q: Array) -> Array:
-        T = self._set(q, np.zeros(self.size))
+    def bring(self, q: Array, v: Array) -> None:
+        self._T, self._lag = self._set(q, v), self._drift(v)
         self.mj.mj_forward(self.model, self.data)
+
+    def mass_matrix(self) -> Array:
         # column by column, by a call whose meaning no version has changed
         M, unit = np.zeros((self.size, self.size)), np.eye(self.size)
         for k in range(self.size):
             self.mj.mj_mulM(self.model, self.data, M[k], unit[k])
-        return np.asarray(T.T @ self.in_our_order(self.in_our_order(M).T) @ T)
+        return np.asarray(self._T.T @ self.in_our_order(self.in_our_order(M).T) @ self._T)
 
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> engine.PeerPlace:
-        T = self._set(q, v)
-        self.mj.mj_forward(self.model, self.data)
+    def place(self, frame: FixedFrame) -> engine.PeerPlace:
         body, data = self.body[frame.body], self.data
         R = data.xmat[body].reshape(3, 3).copy()
         p = data.xpos[body] + R @ engine.real(frame.p)
         J, rate = np.zeros((6, self.size)), np.zeros((6, self.size))
         self.mj.mj_jac(self.model, data, J[3:], J[:3], p, body)
         self.mj.mj_jacDot(self.model, data, rate[3:], rate[:3], p, body)
-        ours = self.in_our_order(J) @ T
-        a = rate @ data.qvel + ours @ self._drift(v)
+        ours = self.in_our_order(J) @ self._T
+        a = rate @ data.qvel + ours @ self._lag
         return engine.PeerPlace(p, R @ engine.real(frame.R), ours, a, J[:3] @ data.qvel)
 
 

@@ -113,10 +113,9 @@ class OwnMujoco(InMujoco, OwnRun):
         return q, self.in_our_order(np.array(self.data.qvel)) @ T, T
 
     def inertia(self, q: Array, v: Array) -> tuple[Array, Array]:
-        M = self.mass_matrix(q)
-        T = self._set(q, v)
-        self.mj.mj_forward(self.model, self.data)
-        return M, np.asarray(self.in_our_order(np.array(self.data.qfrc_bias)) @ T) + M @ self._drift(v)
+        self.bring(q, v)
+        M, bias = self.mass_matrix(), self.in_our_order(np.array(self.data.qfrc_bias))
+        return M, np.asarray(bias @ self._T) + M @ self._lag
 
 
 def _no_word(text: str) -> None:
