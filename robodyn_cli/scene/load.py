@@ -177,7 +177,8 @@ def _own_text(scene: Scene) -> Examined:
 class Family:
     """Scenes that differ in the values of some keys; their file is read once, and other processes get what was read.
 
-    own : the scene as it stands, with the given overrides.
+    own : the scene as it stands, with the given overrides. found : what others have found of its keys, by name, so that
+    they look once.
 
     Raises
     ------
@@ -200,6 +201,7 @@ class Family:
         self.own = examined.checked()
         assert examined.root is not None
         self.root: Node = examined.root
+        self.found: dict[str, Any] = {}
 
     @staticmethod
     def of(scene: GivenScene | Family) -> Family:
@@ -233,7 +235,7 @@ class Family:
     def starting_at(self, positions: dict[str, float]) -> Family:
         """Return the family of the same scenes with other initial positions, by coordinate [rad or m]."""
         family = copy.copy(self)
-        family._positions = positions
+        family._positions, family.found = positions, {}
         return family
 
 

@@ -20,7 +20,7 @@ from robodyn_cli.over.live.code import behind_python
 from robodyn_cli.over.live.rules import Tape
 from robodyn_cli.over.loop_c import rules
 from robodyn_cli.over.loop_c.rules import CRules
-from robodyn_cli.over.loop_c.structure import structure_of, with_able_keys
+from robodyn_cli.over.loop_c.structure import CStructure, structure_of, with_able_keys
 from robodyn_cli.scene.load import Family
 from tests.exported_c import COMPILER, compiled, needs_compiler, self_test
 from tests.exported_loop import ExportedLoop
@@ -199,6 +199,32 @@ def test_keys_behind_python_are_left_out_at_once() -> None:
     made, left = with_able_keys(family_of("double_pendulum.yaml"), cheap, Made)  # type: ignore[type-var]
     assert len(built) == 3 and behind.isdisjoint(made.keys) and set(names) - behind <= set(made.keys)  # type: ignore[attr-defined]
     assert set(left) == behind and all("base inertial parameters" in why for why in left.values())
+
+
+def test_keys_without_part_are_left_out_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One error names all of them, and what a key is is looked for once: by no more than the scenes with two values."""
+    family = family_of("benchmarks/adams_prismatic.yaml", ["robot.links.bar.com=[2, 1, 1]"])
+    cheap = {f"robot.links.bar.com.{k}": (-np.inf, np.inf) for k in range(2)} | {
+        "gravity.2": (-np.inf, np.inf)
+    }
+    read: list[str] = []
+    built: list[Ranges] = []
+    scene = Family.scene
+
+    def counted(self: Family, overrides: Sequence[str]) -> Any:
+        read.extend(overrides[:1] if len(overrides) == 1 else ())
+        return scene(self, overrides)
+
+    def build(keys: Ranges) -> CStructure:
+        built.append(keys)
+        return CStructure(family, keys)
+
+    monkeypatch.setattr(Family, "scene", counted)
+    made, left = with_able_keys(family, cheap, build)  # type: ignore[arg-type]
+    assert {key.key.name for key in made.keys} == {"gravity.2", "initial.q.slide"}
+    assert set(left) == cheap.keys() - {"gravity.2"}
+    assert set(left.values()) == {"nothing in the simulation depends on it as a number"}
+    assert len(built) == 3 and len(read) <= 2 * 4
 
 
 @needs_compiler

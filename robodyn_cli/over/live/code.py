@@ -137,7 +137,7 @@ def numbers_text(
 def behind_python(keys: Iterable[str]) -> CapabilityError:
     """Return the error of keys from which numbers follow otherwise than by arithmetic; its details name them."""
     names = sorted(set(keys))
-    return CapabilityError(f"{listed(names)}: {BEHIND}", keys=names)
+    return CapabilityError(BEHIND, (listed(names),), keys=names)
 
 
 def _values(recipe: Recipe, symbols: Mapping[str, Expr], wanted: set[int]) -> list[Any]:

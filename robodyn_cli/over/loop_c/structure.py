@@ -12,7 +12,6 @@ from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.expr.fixed import places
 from robodyn_cli.kernels.as_c.writer import write_c99
 from robodyn_cli.kernels.compiler import Target
-from robodyn_cli.over.live.code import BEHIND
 from robodyn_cli.over.live.keys import SORTS, cannot, ends_of, entries_of
 from robodyn_cli.over.live.structure import LiveStructure
 from robodyn_cli.over.many.keys import NUMBER, understand
@@ -21,6 +20,7 @@ from robodyn_cli.scene.read_joints import QUATERNION
 from robodyn_cli.spatial.algebra import Array
 
 BESIDE = 1e-3  # relative
+IDLE = "nothing in the simulation depends on it as a number"
 C99 = Target("", "", "", lanes=1, fused=False)
 
 
@@ -36,10 +36,10 @@ class CStructure(LiveStructure):
         ] = []  # keys at whose values equations are others, that all the same are no structure
         super().__init__(family, ranges)
         depends = places(entries_of(self.tables))
-        for key in self.keys:
-            if key.key.sort == NUMBER and key.key.place not in depends:
-                asked = f"{self._option(key.key.name)} {key.key.name}"
-                raise of_option(asked, "nothing in the simulation depends on it as a number", CapabilityError)
+        idle = [k.key.name for k in self.keys if k.key.sort == NUMBER and k.key.place not in depends]
+        if idle:
+            asked = f"{self._option(idle[0])} {idle[0]}"
+            raise of_option(asked, IDLE, CapabilityError, keys=idle)
 
     @property
     def is_led(self) -> bool:
@@ -107,7 +107,8 @@ def with_able_keys(
 ) -> tuple[Made, dict[str, str]]:
     """Return the motion with those of ``cheap`` and of the given starts that can be keys; the others with the reason.
 
-    What stands in the way is named, or found by halves: keys that cannot be such are few.
+    Errors name the keys that they are about, all of one kind at once; what stands in the way otherwise is found by
+    halves: such keys are few.
 
     Raises
     ------
@@ -129,7 +130,7 @@ def with_able_keys(
             tried({name: able[name] for name in names})
         except RobodynError as error:
             if behind := [name for name in names if name in error.details.get("keys", ())]:
-                left.update(dict.fromkeys(behind, BEHIND))
+                left.update(dict.fromkeys(behind, error.sentence))
                 rest = [name for name in names if name not in behind]
                 if rest or not found:
                     add(rest)

@@ -79,11 +79,23 @@ def understand(family: Family, name: str, asked: str = "") -> Key:
     ------
     SceneError : the scene has no such key, or it takes no numbers.
     """
+    return _found(family, name, asked)[0]
+
+
+def _found(family: Family, name: str, asked: str) -> tuple[Key, float | None]:
+    """Return what a key is, and its value in the scene as it stands; looked for once in a family."""
+    known = family.found.get(name)
+    if known is None:
+        known = family.found[name] = _tried(family, name, asked)
+    return known
+
+
+def _tried(family: Family, name: str, asked: str) -> tuple[Key, float | None]:
     scenes: list[tuple[float, Scene]] = []
     refused: SceneError | None = None
     for value in TRIED:
         try:
-            scenes.append((value, family.scene([setting(name, value, asked)])))
+            scenes.append((value, with_places(family.scene([setting(name, value, asked)]))))
         except SceneError as error:
             refused = refused or error
         if len(scenes) == 2:
@@ -91,13 +103,9 @@ def understand(family: Family, name: str, asked: str = "") -> Key:
     if not scenes:
         assert refused is not None
         raise refused
-    if len(scenes) == 1:  # whole numbers, or a narrow range
-        return _structure(family, name)
-    return _sort(name, scenes) or _structure(family, name)
-
-
-def _structure(family: Family, name: str) -> Key:
-    return Key(name, STRUCTURE, named_place(family.root, name))
+    # one alone is allowed of whole numbers, or in a narrow range
+    key = _sort(name, scenes) if len(scenes) == 2 else None
+    return key or Key(name, STRUCTURE, named_place(family.root, name)), _own_value(family, *scenes[0])
 
 
 def value_of(family: Family, name: str, asked: str = "") -> float | None:
@@ -111,26 +119,22 @@ def value_of(family: Family, name: str, asked: str = "") -> float | None:
     """
     if (written := written_number(family.root, name)) is not None:
         return written.value
-    refused: SceneError | None = None
-    for value in TRIED:
-        try:
-            other = family.scene([setting(name, value, asked)])
-        except SceneError as error:
-            refused = refused or error
-            continue
-        changes = list(_differences(with_places(family.own), with_places(other), (), None))
-        if not changes:  # it has this very value
-            return value
-        numbers = [c.one for c in changes if isinstance(c.two, (int, float)) and float(c.two) == value]
-        return float(numbers[0]) if numbers and isinstance(numbers[0], (int, float)) else None
-    assert refused is not None
-    raise refused
+    return _found(family, name, asked)[1]
+
+
+def _own_value(family: Family, value: float, other: Scene) -> float | None:
+    """Return the number of a key in the scene as it stands, beside the scene in which it has another value."""
+    changes = list(_differences(with_places(family.own), other, (), None))
+    if not changes:  # it has this very value
+        return value
+    numbers = [c.one for c in changes if isinstance(c.two, (int, float)) and float(c.two) == value]
+    return float(numbers[0]) if numbers and isinstance(numbers[0], (int, float)) else None
 
 
 def _sort(name: str, scenes: Sequence[tuple[float, Scene]]) -> Key | None:
-    """Return what a key is, from two values of it; None of structure."""
+    """Return what a key is, from scenes with two values of it, whose numbers know their places; None of structure."""
     (x, one), (y, two) = scenes
-    changes = list(_differences(with_places(one), with_places(two), (), None))
+    changes = list(_differences(one, two, (), None))
     scale = _scale(changes[0], x, y) if len(changes) == 1 else None
     if scale is None:
         return None
@@ -203,9 +207,9 @@ class Allowed:
     """What values a scene allows its keys.
 
     What a scene asks of numbers (bounds, an order, a sum) holds between two values where it holds at both, and links
-    keys of one element alone. So scenes are read with the extremes of each element, and all where one is refused. Each
-    value is read of keys that are structure: whole numbers, say, are none between two of them. asked : as of
-    ``setting``.
+    keys of one element alone. So scenes are read with the extremes of each element, of all elements at once where that
+    is allowed, and every row where one is refused. Each value is read of keys that are structure: whole numbers, say,
+    are none between two of them. asked : as of ``setting``.
     """
 
     def __init__(self, family: Family, keys: Sequence[Key], asked: str = "") -> None:
@@ -235,20 +239,34 @@ class Allowed:
             return True
         low = np.minimum(values.min(axis=0, initial=np.inf), self._low)
         high = np.maximum(values.max(axis=0, initial=-np.inf), self._high)
-        read: set[bytes] = set()  # elements whose keys do not vary have the same rows
-        for element in dict.fromkeys(key.element for key in self.keys):
-            columns = [k for k, key in enumerate(self.keys) if key.element == element]
-            if len(columns) > CORNERS:
-                return False
-            for corner in itertools.product(*({low[k], high[k]} for k in columns)):
-                row = values[0].copy()
-                row[columns] = corner
-                if row.tobytes() in read:
-                    continue
-                read.add(row.tobytes())
-                if self._refusal(row) is not None:
-                    return False
+        elements: dict[str, list[int]] = {}
+        for k, key in enumerate(self.keys):
+            elements.setdefault(key.element, []).append(k)
+        if any(len(columns) > CORNERS for columns in elements.values()):
+            return False
+        # refused with all elements at once, a scene may allow each of them
+        if not self._corners_hold(values[0], [list(elements.values())], low, high) and not self._corners_hold(
+            values[0], [[columns] for columns in elements.values()], low, high
+        ):
+            return False
         self._low, self._high = low, high
+        return True
+
+    def _corners_hold(
+        self, row: Array, groups: Iterable[Sequence[Sequence[int]]], low: Array, high: Array
+    ) -> bool:
+        """Tell whether a row is allowed with the extremes of elements, given by their columns: of all in a group at
+        once."""
+        read: set[bytes] = set()  # elements whose keys do not vary have the same rows
+        for elements in groups:
+            corners = [list(itertools.product(*zip(low[own], high[own]))) for own in elements]
+            for n in range(max(map(len, corners), default=0)):
+                there = row.copy()
+                for columns, own in zip(elements, corners):
+                    there[columns] = own[n % len(own)]
+                if there.tobytes() not in read and self._refusal(there) is not None:
+                    return False
+                read.add(there.tobytes())
         return True
 
     def _each_is_allowed(self, values: Array) -> bool:
