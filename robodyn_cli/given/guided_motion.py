@@ -15,7 +15,7 @@ from robodyn_cli.given.motion import Planned, plan_motion
 from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
-from robodyn_cli.solve.closing.assembly import assemble
+from robodyn_cli.solve.closing.assembly import closed_start
 from robodyn_cli.solve.closure import CLOSED, LEAST_ROUNDED, RANK, Numbers, mechanism_size, rank
 from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
@@ -102,7 +102,7 @@ def _apart(problem: Problem, times: Array) -> Planned:
     scene, numbers = problem.scene, Numbers(problem, ())
     check_prescribed(problem)
     given = {**scene.initial.q, **scene.trajectory.ik.guess, **prescribed_starts(scene)}
-    closed = assemble(problem, given, {}, tuple(position_columns(scene.prescribed))).q
+    closed, _ = closed_start(problem, given, tuple(position_columns(scene.prescribed)))
     start = dict(zip(problem.model.q_names, closed.tolist()))
     initial = dataclasses.replace(scene.initial, q=start)
     found = plan_motion(Problem(dataclasses.replace(scene, loops=(), couplers=(), initial=initial)), times)
@@ -121,10 +121,10 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     led = dict(zip(lead.positions, first.tolist()))
     guess = dict(scene.trajectory.ik.guess) if lead.led is not None else {}
     held = {**prescribed_starts(scene), **led}
-    closed = assemble(problem, {**scene.initial.q, **guess, **held}, {}, tuple(held))
-    if closed.closure is not None and closed.closure.tolerance > CLOSED:
-        conditions.same = conditions.singular = closed.closure.tolerance
-    return closed.q
+    q, tolerance = closed_start(problem, {**scene.initial.q, **guess, **held}, tuple(held))
+    if tolerance > CLOSED:
+        conditions.same = conditions.singular = tolerance
+    return q
 
 
 def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t: float) -> None:

@@ -35,7 +35,7 @@ from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.ready.singularity import rounded_rank
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closing.assembly import assemble
+from robodyn_cli.solve.closing.assembly import closed_start
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.solve.load_sharing import allowed_motions
 from robodyn_cli.spatial.algebra import Array, Vector
@@ -147,7 +147,7 @@ def _pose(scene: Scene, problem: Problem, held: Sequence[str]) -> Array:
     if problem.model.closures:
         start = prepare(at_rest(scene)).assembled.q
         given = {**dict(zip(names, start.tolist())), **scene.control.pose}
-        return assemble(problem, given, {}, held).q
+        return closed_start(problem, given, held)[0]
     lacking = [name for name in names if name not in given]
     if lacking:
         raise _refusal(

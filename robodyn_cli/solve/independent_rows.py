@@ -41,11 +41,25 @@ def independent_rows(
     ------
     SingularConfigurationError : rows depend on each other at this configuration alone.
     """
+    example = generic_psi(numbers, q, tolerance)
+    m = len(numbers.rows)
+    if example is None:
+        return tuple(range(m)), ()
+    return _best_rows([example, *_along_the_motion(numbers, q, tolerance)], rank(example, tolerance), m)
+
+
+def generic_psi(numbers: Numbers, q: Array, tolerance: float = RANK_TOLERANCE) -> Array | None:
+    """Return a Psi (m, nv) with the rank that the mechanism has near a configuration; None where all rows are
+    independent.
+
+    Raises
+    ------
+    SingularConfigurationError : rows depend on each other at this configuration alone.
+    """
     psi = numbers.psi(q)
     here = rank(psi, tolerance)
-    m = len(numbers.rows)
-    if here == m:
-        return tuple(range(m)), ()
+    if here == len(numbers.rows):
+        return None
     cut, closed = (ROUNDED, ROUNDED) if tolerance == ROUNDED else (CUT, CLOSED)
     # the rank at nearby closed configurations is that of the mechanism itself
     rng = np.random.default_rng(7)
@@ -72,7 +86,7 @@ def independent_rows(
             "folded there",
             rank=here, kind="bifurcation", row=numbers.rows[row].name, q=q.tolist(),
         )  # fmt: skip
-    return _best_rows([example, *_along_the_motion(numbers, q, tolerance)], generic, m)
+    return example
 
 
 def _bent(numbers: Numbers, q: Array, psi: Array, tolerance: float) -> int | None:

@@ -10,12 +10,13 @@ import numpy as np
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import ClosureEquations, Numbers
-from robodyn_cli.solve.independent_rows import independent_rows
+from robodyn_cli.solve.closure import CLOSED, ClosureEquations, Numbers
+from robodyn_cli.solve.independent_rows import generic_psi, independent_rows
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.closing.nearest import ClosedPose
+    from robodyn_cli.solve.closing.open_loops import Closable
     from robodyn_cli.solve.closing.rates import RatesByLoops
 
 
@@ -57,24 +58,16 @@ def assemble(
     SingularConfigurationError : the start is a singular configuration.
     """
     model = equations.model
-    manifold = Manifold(model)
-    place = {name: k for k, name in enumerate(model.q_names)}
     rate_place = {name: k for k, name in enumerate(model.v_names)}
-    q = manifold.neutral()
-    for name, value in given.items():
-        q[place[name]] = value
     v = np.zeros(model.nv)
     for name, value in rates.items():
         v[rate_place[name]] = value
     if not equations.constraint_rows:
-        return Assembled(q, v, 0.0, 0.0, (), ())
+        return Assembled(_as_given(equations, given), v, 0.0, 0.0, (), ())
     numbers = Numbers(equations, parameters)
-    from robodyn_cli.solve.closing.nearest import close
-    from robodyn_cli.solve.closing.open_loops import Closable
     from robodyn_cli.solve.closing.rates import RatesByLoops
 
-    task = Closable.of(numbers, q, given, hold)
-    closure = close(numbers, q, task)
+    task, closure = _closed(numbers, _as_given(equations, given), given, hold)
     q = closure.q
     independent, redundant = independent_rows(numbers, q, closure.rank_tolerance)
     given_rates = frozenset(rate_place[name] for name in rates)
@@ -93,3 +86,38 @@ def assemble(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
         tuple(numbers.rows[i].name for i in redundant), closure, rule,
     )  # fmt: skip
+
+
+def closed_start(
+    equations: ClosureEquations, given: dict[str, float], hold: Sequence[str] = ()
+) -> tuple[Array, float]:
+    """Return the configuration (nq,) of ``assemble``, for which no rows are chosen, and the residual of its loops up to
+    which they count as closed.
+
+    Parameters, errors : as of ``assemble``.
+    """
+    q = _as_given(equations, given)
+    if not equations.constraint_rows:
+        return q, CLOSED
+    numbers = Numbers(equations, ())
+    _, closure = _closed(numbers, q, given, hold)
+    generic_psi(numbers, closure.q, closure.rank_tolerance)
+    return closure.q, closure.tolerance
+
+
+def _as_given(equations: ClosureEquations, given: dict[str, float]) -> Array:
+    q = Manifold(equations.model).neutral()
+    place = {name: k for k, name in enumerate(equations.model.q_names)}
+    for name, value in given.items():
+        q[place[name]] = value
+    return q
+
+
+def _closed(
+    numbers: Numbers, q: Array, given: dict[str, float], hold: Sequence[str]
+) -> tuple[Closable, ClosedPose]:
+    from robodyn_cli.solve.closing.nearest import close
+    from robodyn_cli.solve.closing.open_loops import Closable
+
+    task = Closable.of(numbers, q, given, hold)
+    return task, close(numbers, q, task)
