@@ -62,12 +62,15 @@ def assemble(
     v = np.zeros(model.nv)
     for name, value in rates.items():
         v[rate_place[name]] = value
+    q = np.array(
+        [given.get(name, x) for name, x in zip(model.q_names, Manifold(model).neutral())], dtype=float
+    )
     if not equations.constraint_rows:
-        return Assembled(_as_given(equations, given), v, 0.0, 0.0, (), ())
+        return Assembled(q, v, 0.0, 0.0, (), ())
     numbers = Numbers(equations, parameters)
     from robodyn_cli.solve.closing.rates import RatesByLoops
 
-    task, closure = _closed(numbers, _as_given(equations, given), given, hold)
+    task, closure = _closed(numbers, q, given, hold)
     q = closure.q
     independent, redundant = independent_rows(numbers, q, closure.rank_tolerance)
     given_rates = frozenset(rate_place[name] for name in rates)
@@ -96,21 +99,16 @@ def closed_start(
 
     Parameters, errors : as of ``assemble``.
     """
-    q = _as_given(equations, given)
+    model = equations.model
+    q = np.array(
+        [given.get(name, x) for name, x in zip(model.q_names, Manifold(model).neutral())], dtype=float
+    )
     if not equations.constraint_rows:
         return q, CLOSED
     numbers = Numbers(equations, ())
     _, closure = _closed(numbers, q, given, hold)
     generic_psi(numbers, closure.q, closure.rank_tolerance)
     return closure.q, closure.tolerance
-
-
-def _as_given(equations: ClosureEquations, given: dict[str, float]) -> Array:
-    q = Manifold(equations.model).neutral()
-    place = {name: k for k, name in enumerate(equations.model.q_names)}
-    for name, value in given.items():
-        q[place[name]] = value
-    return q
 
 
 def _closed(
