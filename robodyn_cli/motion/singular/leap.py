@@ -16,6 +16,7 @@ prove that both sides belong to one smooth branch.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -327,14 +328,17 @@ class PoseLeap:
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q, v and z at times t (T,) within the step."""
         x = 2.0 * (t - self.start.time) / self.length - 1.0
-        series = []
-        for x0, rates in ((self.start.q, self.qd), (self.start.v, self.a), (self.start.z, self.zd)):
-            if not len(x0):
-                series.append(np.zeros((len(t), 0)))
-                continue
-            integral = np.polynomial.legendre.legint(rates, lbnd=-1)
-            series.append(x0 + 0.5 * self.length * np.polynomial.legendre.legval(x, integral).T)
-        return series[0], series[1], series[2]
+        every = np.polynomial.legendre.legvander(x, len(self._integrals) - 1) @ self._integrals
+        s, h = self.start, 0.5 * self.length
+        q, v, z = np.split(every, np.cumsum([len(s.q), len(s.v)]), axis=1)
+        return s.q + h * q, s.v + h * v, s.z + h * z
+
+    @cached_property
+    def _integrals(self) -> Array:
+        """The Legendre coefficients (n + 1, nq + nv + nz) of the integrals of q-dot, v-dot and z-dot."""
+        rates = np.concatenate([self.qd, self.a, self.zd], axis=1)
+        integrals: Array = np.polynomial.legendre.legint(rates, lbnd=-1)
+        return integrals
 
     @property
     def end(self) -> float:
