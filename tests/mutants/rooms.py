@@ -100,7 +100,7 @@ ROOMS = {
     "kernels/as_c": ["test_loop_c.py"],
     "kernels/from_c": ["test_from_c.py"],
     "solve/closing/together.py": ["test_rough_starts.py", "test_mechanism.py", "test_many_statics.py"],
-    "over/search": ["test_search.py"],
+    "over/search": ["test_search.py", "test_search_differences.py"],
     "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py", "test_sensitivity_overconstrained.py", "test_slopes.py"],
     "over/study/design.py": STUDY,
     "over/study/report.py": STUDY,

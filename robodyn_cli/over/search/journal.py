@@ -21,7 +21,8 @@ NAME = "unfinished.search"
 MOST = 1_000_000_000  # bytes
 # outputs and errors (n,), exit code, why it failed, whether compiled code has made it
 KeptRun = tuple[Array, Array, int, str, bool]
-KeptSlopes = tuple[Array, Array, bool]  # derivatives (n, K), their errors, whether any is exact
+# derivatives (n, K), their errors, how far outputs jump (n,), whether any is exact
+KeptSlopes = tuple[Array, Array, Array, bool]
 
 
 class SearchJournal:
@@ -72,7 +73,7 @@ class SearchJournal:
                     self._runs[x] = np.array(one["y"]), errors, one["code"], one["reason"], one["compiled"]
                     self.taken += 1
                 else:
-                    self._slopes[x] = np.array(one["slopes"]), errors, one["exact"]
+                    self._slopes[x] = np.array(one["slopes"]), errors, np.array(one["jumps"]), one["exact"]
                 whole.append(one)
         return whole
 
@@ -81,7 +82,7 @@ class SearchJournal:
         return self._runs.pop(x.tobytes(), None)
 
     def slopes(self, x: Array) -> KeptSlopes | None:
-        """Return derivatives (n, K), their errors, and whether any is exact."""
+        """Return derivatives (n, K) and what belongs to them, see ``KeptSlopes``."""
         return self._slopes.pop(x.tobytes(), None)
 
     def add_run(self, x: Array, run: KeptRun) -> None:
@@ -92,8 +93,9 @@ class SearchJournal:
 
     def add_slopes(self, x: Array, slopes: KeptSlopes) -> None:
         """Keep derivatives, as ``slopes`` returns them."""
-        values, errors, own = slopes
-        self._add({"x": x.tolist(), "slopes": values.tolist(), "errors": errors.tolist(), "exact": own})
+        values, errors, jumps, own = slopes
+        self._add({"x": x.tolist(), "slopes": values.tolist(), "errors": errors.tolist(),
+                   "jumps": jumps.tolist(), "exact": own})  # fmt: skip
 
     def _add(self, line: dict[str, Any]) -> None:
         if self._file is None or self._path is None:

@@ -10,6 +10,7 @@ how far the values may be off; a last step of Newton's method on the conditions 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -114,7 +115,7 @@ class Optimum:
     J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. off : how
     far each u may be off, and short : by how much a goal nearby may be better, nan where that is not known. free : keys
     that targets do not determine: runs beside the point meet them too. corner : whether the goal has one there, and
-    rises from it along each key.
+    rises from it along each key. jumps : how far it jumps from run to run, where derivatives are not known for that.
     """
 
     point: DesignPoint
@@ -128,6 +129,7 @@ class Optimum:
     short: float
     free: NDArray[np.bool_]
     corner: bool = False
+    jumps: float = 0.0
 
     @property
     def left(self) -> float:
@@ -172,7 +174,7 @@ class Examiner:
         scaled, u = self.scaled, self.scaled.search.place(point.x)
         if slopes is None:
             nothing = np.full((len(point.y), len(point.x)), np.nan)
-            slopes = OutputSlopes(nothing, nothing)
+            slopes = OutputSlopes(nothing, nothing, np.zeros(len(point.y)))
         J, J_error = _scaled(scaled, slopes)
         sides = BoundSides.of(scaled, point, u, J)
         free = np.zeros(len(u), dtype=bool)
@@ -190,7 +192,10 @@ class Examiner:
             np.isfinite(off).all() and curved.corners(value)[~sides.held].all() and not sides.held.all()
         )
         at_low, at_high = u <= AT_BOUND, u >= 1.0 - AT_BOUND
-        return Optimum(point, J, J_error, at_low, at_high, sides, curved, off, short, free, corner), step
+        optimum = Optimum(
+            point, J, J_error, at_low, at_high, sides, curved, off, short, free, corner, scaled.jumps(slopes)
+        )
+        return optimum, step
 
     def _before(self, J: Array, J_error: Array) -> Array:
         """Return derivatives (n, len(u)), where errors hide them those of the last point before.
@@ -247,7 +252,8 @@ class Examiner:
         made = self.derive([scaled.search.value_of(place, scaled.values) for place in places])
         values, gradients, errors = [], [], []
         for point, slopes in made:
-            if slopes is None or not np.isfinite(slopes.values).all():
+            # of outputs that jump it is not known how they bend
+            if slopes is None or not np.isfinite(slopes.values).all() or slopes.jumps.any():
                 return Curvatures.unknown(n)
             J, J_error = _scaled(scaled, slopes)
             values.append(scaled.objective(point.y) - float(sides.prices @ scaled.room(point)))
@@ -328,7 +334,7 @@ class Examiner:
 
 def _scaled(scaled: ScaledSearch, slopes: OutputSlopes) -> tuple[Array, Array]:
     """Return scaled derivatives (n, len(u)) and their errors."""
-    return scaled.jacobian(slopes), scaled.jacobian(OutputSlopes(slopes.errors, slopes.errors))
+    return scaled.jacobian(slopes), scaled.jacobian(dataclasses.replace(slopes, values=slopes.errors))
 
 
 def bending(H: Array, free: Array, A: Array) -> Array:

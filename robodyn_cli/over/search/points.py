@@ -10,11 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.commands import places
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.over.many.keys import STRUCTURE, settings
-from robodyn_cli.over.search.asked import EDGE, Search
+from robodyn_cli.over.search.asked import Search
+from robodyn_cli.over.search.differences import ROUGH, RunsBeside, places_beside, step_beside
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.gradients import SOLVED
@@ -25,9 +27,6 @@ from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import Progress, no_progress
-
-WIDEST, NARROWEST = 1e-2, 1e-5  # part of the way between bounds, by which differences change a key
-ROUNDING = 1e-15  # of outputs
 
 at_once: Registry[Any] = Registry("robodyn_cli", places("together"))
 
@@ -57,11 +56,12 @@ class DesignPoint:
 class OutputSlopes:
     """Derivatives d output / d key (n, K) at a point and their errors; nan where there is none.
 
-    exact : whether any was computed exactly.
+    exact : whether any was computed exactly. jumps : how far outputs jump from run to run (n,), zero of smooth ones.
     """
 
     values: Array
     errors: Array
+    jumps: Array
     exact: bool = False
 
 
@@ -97,6 +97,7 @@ class PointMaker:
         self._slopes: dict[bytes, OutputSlopes] = {}
         self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
         self._able: list[int] | None = None  # keys of which there are exact derivatives
+        self._rough: dict[int, NDArray[np.bool_]] = {}  # outputs (n,) that jump, by key
 
     # -- runs -----------------------------------------------------------------------------------------------
     def runs(self, xs: Sequence[Array], progress: Progress = no_progress) -> list[DesignPoint]:
@@ -157,7 +158,7 @@ class PointMaker:
         new |= {x: self._exactly(point) for x, point in unknown.items() if x not in new}
         self._complete(points, new)
         for x, own in new.items():
-            self.journal.add_slopes(np.frombuffer(x), (own.values, own.errors, own.exact))
+            self.journal.add_slopes(np.frombuffer(x), (own.values, own.errors, own.jumps, own.exact))
             self._slopes[x] = own
         return [self._slopes[point.x.tobytes()] for point in points]
 
@@ -200,7 +201,7 @@ class PointMaker:
         """Return derivatives that are not known yet: nan, but for keys without bounds."""
         J = np.full((len(point.y), len(point.x)), np.nan)
         J[:, [k for k in range(len(point.x)) if k not in self.search.continuous]] = 0.0
-        return OutputSlopes(J, J.copy())
+        return OutputSlopes(J, J.copy(), np.zeros(len(point.y)))
 
     def _exactly(self, point: DesignPoint) -> OutputSlopes:
         """Return the derivatives at a point that can be computed exactly, nan in the place of others."""
@@ -208,7 +209,7 @@ class PointMaker:
         J, errors = nothing.values, nothing.errors
         able = list(search.continuous) if self._able is None else self._able
         if not able:
-            return OutputSlopes(J, errors)
+            return nothing
         try:
             found, why = exact_slopes(self._asked(point, able))
         except RobodynError as obstacle:
@@ -226,7 +227,7 @@ class PointMaker:
                     ]
                     text = why.get(able.index(k), f"{', '.join(missing)} has no exact derivatives")
                     self.not_exact[name] = text
-        return OutputSlopes(J, errors, bool(found))
+        return dataclasses.replace(nothing, exact=bool(found))
 
     def _asked(self, point: DesignPoint, able: Sequence[int]) -> AskedSlopes:
         """Return what a sensitivity at a point is asked for."""
@@ -244,49 +245,53 @@ class PointMaker:
         )  # fmt: skip
 
     def _complete(self, points: Sequence[DesignPoint], slopes: Mapping[bytes, OutputSlopes]) -> None:
-        """Put differences where derivatives are missing; all runs that they need are made at once."""
+        """Put differences where derivatives are missing; all runs that they need are made at once, and wider ones where
+        outputs may jump."""
         own = {x: point for point in points if (x := point.x.tobytes()) in slopes}
         pairs = [
-            (x, k) for x in own for k in self.search.continuous if np.isnan(slopes[x].values[:, k]).any()
+            (own[x], k) for x in own for k in self.search.continuous if np.isnan(slopes[x].values[:, k]).any()
         ]
-        beside = [self._beside(own[x], k) for x, k in pairs]
-        made = iter(self.runs([side for sides in beside for side in sides]))
-        for (x, k), sides in zip(pairs, beside):
-            there = [p for p in [next(made) for _ in sides] if p.is_good]
-            if not there:
-                continue  # stays nan: no derivative
-            J, errors = slopes[x].values, slopes[x].errors
-            missing = np.isnan(J[:, k])
-            value, error = self._difference(own[x], there, k)
-            J[missing, k], errors[missing, k] = value[missing], error[missing]
+        rough = [self._rough.get(k, np.zeros(len(point.y), dtype=bool)) for point, k in pairs]
+        steps = [ROUGH if jump.all() else step_beside(p.y, p.error) for jump, (p, _) in zip(rough, pairs)]
+        near = self._beside(pairs, steps)
+        wide = [
+            runs is not None and not jump.all() and bool((jump | runs.may_jump()).any())
+            for jump, runs in zip(rough, near)
+        ]
+        wider = iter(self._beside([pair for pair, w in zip(pairs, wide) if w], [ROUGH] * sum(wide)))
+        for (point, k), jump, runs, is_wide in zip(pairs, rough, near, wide):
+            beside = next(wider) if is_wide else runs if jump.all() else None
+            if runs is not None:
+                self._put(slopes[point.x.tobytes()], k, runs, beside)
 
-    def _beside(self, point: DesignPoint, k: int) -> list[Array]:
-        """Return the values on both sides of a point, at a bound on one side twice as far too."""
-        low, high = self.search.bounds[self.search.continuous.index(k)]
-        size = np.maximum(np.abs(point.y), 1e-300)
-        noise = float(np.nanmax(np.append(point.error / size, 0.0)))
-        step = float(np.clip(max(noise, 1e-14) ** (1.0 / 3.0), NARROWEST, WIDEST)) * (high - low)
-        room = EDGE * (high - low)
-        ways = [(1.0, -1.0), (1.0, 2.0), (-1.0, -2.0)]
-        inside = [way for way in ways if all(low - room <= point.x[k] + s * step <= high + room for s in way)]
-        sides = []
-        for s in (inside or ways)[0]:
-            x = point.x.copy()
-            x[k] += s * step
-            sides.append(x)
-        return sides
+    def _put(self, slopes: OutputSlopes, k: int, runs: RunsBeside, wider: RunsBeside | None) -> None:
+        """Put differences by a key where derivatives are missing; wider : runs over steps at which jumps count less."""
+        missing, (value, error) = np.isnan(slopes.values[:, k]), runs.slope()
+        if wider is not None:
+            jumps = runs.jumps(wider, self._rough.get(k))
+            rough, off = wider.rough_slope(jumps)
+            value, error = np.where(jumps > 0.0, rough, value), np.where(jumps > 0.0, off, error)
+            slopes.jumps[missing] = np.maximum(slopes.jumps, jumps)[missing]
+            if jumps.any():
+                self._rough[k] = jumps > 0.0
+        slopes.values[missing, k], slopes.errors[missing, k] = value[missing], error[missing]
 
-    def _difference(self, point: DesignPoint, there: Sequence[DesignPoint], k: int) -> tuple[Array, Array]:
-        """Return the derivatives (n,) by key k of the polynomial through a point and those beside it, and their errors.
-
-        These are what the errors of the outputs leave, and what the next power would change.
-        """
-        steps = np.array([p.x[k] - point.x[k] for p in there])
-        changes = np.array([p.y - point.y for p in there])
-        powers = np.vander(steps, len(steps) + 1, increasing=True)[:, 1:]
-        slope = np.linalg.solve(powers, changes)[0]
-        noise = np.nan_to_num(point.error) + np.nan_to_num(np.array([p.error for p in there])).max(axis=0)
-        low, high = self.search.bounds[self.search.continuous.index(k)]
-        bent = np.abs(slope - changes[0] / steps[0]) * 3.0 * np.abs(steps).max() / (high - low)
-        left = bent if len(steps) > 1 else np.abs(slope)
-        return slope, (noise + ROUNDING * np.abs(point.y)) / np.abs(steps).min() + left
+    def _beside(
+        self, pairs: Sequence[tuple[DesignPoint, int]], steps: Sequence[float]
+    ) -> list[RunsBeside | None]:
+        """Return runs on both sides of points along keys, None where both fail; ``steps`` : parts of the way between
+        bounds."""
+        bounds = [self.search.bounds[self.search.continuous.index(k)] for _, k in pairs]
+        places = [
+            places_beside(point.x, k, own, step * float(np.ptp(own)))
+            for (point, k), own, step in zip(pairs, bounds, steps)
+        ]
+        made = iter(self.runs([x for each in places for x in each]))
+        found: list[RunsBeside | None] = []
+        for (point, k), own, each in zip(pairs, bounds, places):
+            there = [p for p in [next(made) for _ in each] if p.is_good]
+            changes, errors = np.array([p.y - point.y for p in there]), np.array([p.error for p in there])
+            away = np.array([p.x[k] - point.x[k] for p in there])
+            runs = RunsBeside(point.y, point.error, away, changes, errors, float(np.ptp(own)))
+            found.append(runs if there else None)
+        return found

@@ -267,7 +267,9 @@ def _proof(ended: EndedSearch, same: int) -> SearchProof:
     if len(bends):
         known |= {"second_order": float(bends.min()), "second_order_error": optimum.curved.H_error}
     text = f"{_first(optimum, error)}, {_second(optimum, bends)}"
-    if optimum.corner:
+    if optimum.jumps:
+        text = f"the output jumps by {optimum.jumps:.1g} from run to run, more than it changes with the keys nearby"
+    elif optimum.corner:
         text = "the goal has a corner here, as a magnitude that is zero has, and rises from it along each key"
     elif (
         len(bends)

@@ -66,6 +66,13 @@ class ScaledSearch:
         """Return d output / du (n, len(u)), scaled."""
         return np.asarray(slopes.values[:, list(self.search.continuous)] * self.span / self.sizes[:, None])
 
+    def jumps(self, slopes: OutputSlopes) -> float:
+        """Return how far outputs that are looked for jump from run to run, where their derivatives say nothing of where
+        to go because of that; else 0."""
+        rows, columns = list(self.goal.outputs), list(self.search.continuous)
+        values, errors = (x[np.ix_(rows, columns)] for x in (slopes.values, slopes.errors))
+        return float(slopes.jumps[rows].max()) if (errors >= np.abs(values)).all() else 0.0
+
     def residuals(self, y: Array) -> Array:
         """Return what outputs lack to their targets."""
         goal = self.goal
@@ -238,6 +245,8 @@ class Solver:
         J = self.scaled.jacobian(slopes)
         if not np.isfinite(J).all():
             raise NoWay("an output has no derivative there: runs on both sides fail")
+        if self.scaled.jumps(slopes) and self.scaled.holds(point):
+            raise NoWay("what is asked for jumps from run to run by more than it changes with the keys")
         if self.scaled.goal.is_reach and bool((self.scaled.misses(point) <= 1.0).all()):
             sizes, errors = (
                 np.abs(x[list(self.scaled.goal.outputs)]).max(axis=1) for x in (slopes.values, slopes.errors)
