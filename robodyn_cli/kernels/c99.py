@@ -104,6 +104,8 @@ def comment(text: str) -> str:
 
 def wrapped(text: str, indent: str = INDENT) -> str:
     """Return a statement on as many lines as it takes; what ``TIED`` joins stays on one."""
+    if text and len(indent) + len(text) <= WIDTH and text.isprintable():  # as most are
+        return f"{indent}{text.strip()}"
     lines = textwrap.wrap(
         text, WIDTH, initial_indent=indent, subsequent_indent=indent + INDENT,
         break_long_words=False, break_on_hyphens=False,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class CFunction:
     outputs: Mapping[str, Output]
     solved: bool = False
 
-    @property
+    @cached_property
     def program(self) -> Program:
         return make_program(self.entries, [GROUPS[name] for name in self.takes])
 
@@ -157,12 +157,13 @@ def _checked(function: CFunction, name: str) -> CFunction:
     groups = {symbol.value[1] for symbol in free_symbols(entries)}
     if PARAMETER_GROUP in groups:
         raise CapabilityError("it depends on what events switch")
-    if "t" in groups and "t" not in function.takes:
-        function = dataclasses.replace(function, takes=("t", *function.takes))
+    timed = "t" in groups and "t" not in function.takes
+    takes = ("t", *function.takes) if timed else function.takes
+    function = dataclasses.replace(function, name=name, takes=takes)
     operations = function.program.operations
     if operations > MOST_OPERATIONS:
         raise CapabilityError(f"it has {operations} operations; allowed: {MOST_OPERATIONS}")
-    return dataclasses.replace(function, name=name)
+    return function
 
 
 Made = tuple[str, Callable[[], CFunction]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -114,8 +114,9 @@ def _closed(problem: Problem, q: Array, rng: np.random.Generator) -> tuple[Array
 def _compared(function: CFunction, arguments: Mapping[str, Array]) -> list[ComparedOutput]:
     if function.solved:
         return [_solved(function, arguments)]
-    exact = _values(function, arguments, np.longdouble)
-    rounded = {name: _values(function, arguments, kind) for name, kind in TYPES.items()}
+    values = _values(function, arguments)
+    exact = values(np.longdouble)
+    rounded = {name: values(kind) for name, kind in TYPES.items()}
     return [
         ComparedOutput(
             function.name,
@@ -134,28 +135,35 @@ def _difference(values: Array, exact: Array, least: float = 0.0) -> float:
     return float(np.abs(values - exact).max(initial=0.0)) / most if most else 0.0
 
 
-def _values(function: CFunction, arguments: Mapping[str, Array], kind: Any) -> dict[str, Array]:
-    """Return the outputs (T, n) of a function, computed in a type of numbers."""
-    entries = [x for output in function.entries.values() for x in output]
+def _values(function: CFunction, arguments: Mapping[str, Array]) -> Callable[[Any], dict[str, Array]]:
+    """Return what computes the outputs (T, n) of a function in a type of numbers."""
+    evaluate = Evaluator([x for output in function.entries.values() for x in output])
     count = len(arguments["q"])
-    inputs = {GROUPS[name]: arguments[name].T.astype(kind) for name in function.takes}
-    with np.errstate(all="ignore"):
-        flat = Evaluator(entries)(inputs)
-    columns = iter(np.broadcast_to(np.asarray(x, dtype=kind), (count,)) for x in flat)
-    return {
-        name: np.array([next(columns) for _ in range(output.size)], dtype=kind).T.reshape(count, output.size)
-        for name, output in function.outputs.items()
-    }
+
+    def values(kind: Any) -> dict[str, Array]:
+        inputs = {GROUPS[name]: arguments[name].T.astype(kind) for name in function.takes}
+        with np.errstate(all="ignore"):
+            flat = evaluate(inputs)
+        columns = iter(np.broadcast_to(np.asarray(x, dtype=kind), (count,)) for x in flat)
+        return {
+            name: np.array([next(columns) for _ in range(output.size)], dtype=kind).T.reshape(
+                count, output.size
+            )
+            for name, output in function.outputs.items()
+        }
+
+    return values
 
 
 def _solved(function: CFunction, arguments: Mapping[str, Array]) -> ComparedOutput:
     """Return the accelerations that follow from the linear equations of a function."""
     shapes = {name: output.entries.shape for name, output in function.outputs.items()}
+    values = _values(function, arguments)
 
     def parts(kind: Any, rounded: Any) -> list[Array]:
-        values = _values(function, arguments, kind)
+        own = values(kind)
         M, load, psi, gamma = (
-            values[name].astype(rounded).reshape(-1, *shapes[name]) for name in ("M", "load", "Psi", "gamma")
+            own[name].astype(rounded).reshape(-1, *shapes[name]) for name in ("M", "load", "Psi", "gamma")
         )
         return [M, arguments["tau"].astype(rounded) - load, psi, gamma]
 
