@@ -137,17 +137,17 @@ def export_c(
     made = parametrised(family, [one for one in asked if one not in starts], loop)
     if not made.own.functions:
         raise CapabilityError("it has no functions: " + "; ".join(made.own.left_out.values()), (family.path,))
+    name, simulation = library_name(family.path), None
+    without: list[str] = []
+    if loop:  # first, since of most scenes it is what cannot leave
+        simulation, without = simulation_of(family, asked, made, name)
     states = compared_states(made.own)
-    library = Library(made, states, library_name(family.path))
+    library = Library(made, states, name)
     changed = None
     if made.changed is not None:
         with contextlib.suppress(GeometryError):  # other lengths may not close the loops
             changed = made.changed[0], compared_states(made.changed[1])
-    notes = [f"left out: {name}: {why}" for name, why in made.own.left_out.items()]
-    simulation = None
-    if loop:
-        simulation, without = simulation_of(family, asked, made, library.name)
-        notes += without
+    notes = [f"left out: {one}: {why}" for one, why in made.own.left_out.items()] + without
     objects = [] if processor is None else objects_of(library, processor)
     about = "" if processor is None else objects_readme(library, processor, objects)
     contents: dict[str, str | bytes] = {
