@@ -35,8 +35,8 @@ def encoder(x: float) -> float:
 @pytest.mark.parametrize(
     ("smooth", "x"),
     [
-        (lambda x: np.sin(3.0 * x), 0.4),
         (lambda x: (x - 0.4) ** 2, 0.4),
+        (lambda x: np.sin(3.0 * x), 0.4),
         (lambda x: (x - 0.4) ** 2, 0.40001),
         (lambda x: np.cos(20.0 * x), np.pi / 20.0),
         (lambda x: abs(x - 0.4), 0.4),

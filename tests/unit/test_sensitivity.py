@@ -219,6 +219,15 @@ def test_numbers_of_formulas_are_keys() -> None:
     assert slope.value == pytest.approx(inside.value, rel=1e-7)
 
 
+def test_one_of_several_keys_may_need_narrower_steps() -> None:
+    """A length moves the lock by thousands of times as much as a mass: its differences over wide steps tell little."""
+    to, of = ["robot.links.coupler.mass", "robot.joints.phi2.a"], ["lock.time"]
+    question = asked(CONFIGS / "four_bar_deploy.yaml", to, of)
+    found, others = exact(question), differences(question, range(2), 1)
+    for k, key in enumerate(to):
+        assert others[k][0].value == pytest.approx(found[of[0], key].value, rel=1e-7)
+
+
 def test_loops_in_other_formulations_agree() -> None:
     of, to = ["final.q.theta1", "final.qd.phi2"], ["robot.links.coupler.mass", "robot.joints.phi2.a"]
     path, settings = (

@@ -84,36 +84,37 @@ def _together(
     asked: AskedSlopes, keys: Sequence[int], jobs: int, progress: Progress
 ) -> dict[int, list[Slope]]:
     """Return the derivatives by some keys, from runs of one study, with narrower changes where all are too wide."""
-    sides = _sides(asked, keys, 0, jobs, progress)
+    sides = _sides(asked, keys, keys, 0, jobs, progress)
     outputs = range(len(asked.task.outputs))
     if wide := [k for k in keys if any(sides[k].is_too_wide(output) for output in outputs)]:
-        narrower = _sides(asked, wide, LEVELS, jobs, progress)
+        narrower = _sides(asked, keys, wide, LEVELS, jobs, progress)
         sides |= {k: sides[k].beside(narrower[k]) for k in wide}
     return {k: [own.slope(output) for output in outputs] for k, own in sides.items()}
 
 
 def _sides(
-    asked: AskedSlopes, keys: Sequence[int], first: int, jobs: int, progress: Progress
+    asked: AskedSlopes, keys: Sequence[int], varied: Sequence[int], first: int, jobs: int, progress: Progress
 ) -> dict[int, Sides]:
-    """Return runs at changes of each key, from so many levels below the widest on."""
+    """Return runs at changes of each varied key, one of those of a study, from so many levels below the widest on."""
     task = Task(
         asked.task.family, asked.task.command, tuple(asked.task.keys[k] for k in keys), asked.task.outputs
     )
-    points = np.tile([asked.values[k] for k in keys], (len(keys), LEVELS, 2, 1))
-    for place, k in enumerate(keys):
+    points = np.tile([asked.values[k] for k in keys], (len(varied), LEVELS, 2, 1))
+    columns = [keys.index(k) for k in varied]
+    for place, (k, column) in enumerate(zip(varied, columns)):
         widest = WIDEST * (abs(asked.values[k]) or 1.0)
         steps = widest / NARROWER ** np.arange(first, first + LEVELS)
-        points[place, :, :, place] += np.outer(steps, SIDES)
+        points[place, :, :, column] += np.outer(steps, SIDES)
     numbers = np.arange(points.size // len(keys))
     made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs, progress=progress)
     rows = np.empty_like(made.rows)
     rows[made.runs] = made.rows
     integrated = COMMANDS[task.command].streamed
     found = {}
-    for place, (k, own) in enumerate(zip(keys, numbers.reshape(len(keys), LEVELS, 2))):
+    for place, (k, column, own) in enumerate(zip(varied, columns, numbers.reshape(-1, LEVELS, 2))):
         why = [made.reasons[run] for run in own.flat if run in made.reasons]
         scale = 0.0 if integrated else 1.0 / (abs(asked.values[k]) or 1.0)
-        found[k] = Sides(points[place, :, :, place], rows[own], why[0] if why else "", scale)
+        found[k] = Sides(points[place, :, :, column], rows[own], why[0] if why else "", scale)
     return found
 
 
