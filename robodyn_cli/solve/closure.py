@@ -246,7 +246,12 @@ class Numbers:
 
 
 def newton(
-    conditions: Conditions, q: Array, free: Sequence[int], patience: int = PATIENT, cut: float = CUT
+    conditions: Conditions,
+    q: Array,
+    free: Sequence[int],
+    patience: int = PATIENT,
+    cut: float = CUT,
+    enough: float = TINY,
 ) -> tuple[Array, float]:
     """Return q moved onto F = 0 at t = 0 by damped Gauss-Newton steps, and the largest relative residual.
 
@@ -255,7 +260,8 @@ def newton(
     Parameters
     ----------
     free : velocity coordinates that may move. patience : steps in a row that may fail to halve the residual.
-    cut : ratio of singular values below which a direction is left alone.
+    cut : ratio of singular values below which a direction is left alone. enough : residual that needs no further
+    step; by default steps go on as long as rounding lets them.
     """
     columns, lengths, sizes = list(free), conditions.lengths, conditions.sizes
 
@@ -269,7 +275,7 @@ def newton(
     F, J, size = at(q)
     slow = 0
     for _ in range(ITERATIONS):
-        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < TINY or slow > patience:
+        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < enough or slow > patience:
             break
         step = least_step(J, -F, cut)
         step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))

@@ -22,6 +22,7 @@ BEND = 1e-4  # rad, or part of the size, between the Psi that tell how rows bend
 BENT = 1e-5  # bend, of 1 rad or the size, from which on a freedom of first order is no motion
 MOTION_SAMPLES = 80  # configurations on each side of the start at which choices of rows are compared
 MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
+ENOUGH = 1e-13  # residual of the configurations between, at which steps go no further
 MOST_CHOICES = 3000  # up to so many choices of rows are compared one by one
 
 
@@ -126,7 +127,7 @@ def _along_the_motion(numbers: Numbers, q: Array, tolerance: float) -> list[Arra
                 break
             last = step / np.abs(step).max()
             ahead = numbers.manifold.integrate(here, MOTION_STEP * last * lengths)
-            here, residual = newton(numbers, ahead, range(numbers.nv), cut=cut)
+            here, residual = newton(numbers, ahead, range(numbers.nv), cut=cut, enough=ENOUGH)
             if residual > closed:
                 break
             jacobians.append(numbers.psi(here))

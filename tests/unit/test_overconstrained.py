@@ -15,6 +15,8 @@ from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.closure import Numbers
+from robodyn_cli.solve.independent_rows import independent_rows
 from tests import mechanisms
 from tests.mechanisms import SKEW, TWIST, close, run
 
@@ -206,3 +208,14 @@ def test_combinations_are_renewed_whoever_drives(kind: str) -> None:
     q = system.split(integrator.state)[0]
     assert abs(q[0]) > 4 * np.pi and integrator.parameters.repartitions > 4
     assert np.abs(evaluate(setup.problem.constraints.eta, {"q": q.tolist()})).max() < 1e-13
+
+
+def test_rows_are_chosen_without_steps_at_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of some 160 configurations along the motion each takes a few of Newton's steps, none that rounding refuses."""
+    evaluations, at = list[object](), Numbers.at
+    monkeypatch.setattr(Numbers, "at", lambda *x: (evaluations.append(x), at(*x))[1])
+    scene = load_scene_text(f"schema: 1\n{BENNETT}")
+    q = prepare(scene).assembled.q
+    evaluations.clear()
+    independent_rows(Numbers(Problem(scene), ()), q)
+    assert len(evaluations) < 1500
