@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robodyn_cli.record import record
-from robodyn_cli.summaries.facts import ACCELERATION, ANY, OWN, Termination, fact
+from robodyn_cli.summaries.facts import ABSENT, ACCELERATION, ANY, OWN, Absent, Termination, fact
 
 OF_QUANTITY = "rad or m, rad/s or m/s, N m or N"
 
@@ -36,6 +36,12 @@ class CrosscheckReport:
     compared: list[ComparedQuantity] = fact("of each quantity, where the answers differ most")
     handed_over: list[str] = fact("what acts and is handed over as joint torques: it is not checked")
     by_own_formulas: list[str] = fact("what acts and is added by formulas of the check")
+    compared_until: float | Absent = fact(
+        "last sample that is compared, of a motion that passes a singular pose behind it: from there on the equations "
+        "have more than one solution",
+        "s",
+        default=ABSENT,
+    )
 
     @property
     def agrees(self) -> bool:

@@ -152,6 +152,11 @@ def describe(report: CrosscheckReport) -> str:
         f"{report.title}: {report.command} here and in {report.engine} {report.version}: the answers {verdict}",
         table(rows),
     ]
+    if isinstance(report.compared_until, float):
+        lines.append(
+            f"  compared until             t = {report.compared_until:.6g} s: behind it the motion passes a singular "
+            "pose, from which it may go on in more than one way"
+        )
     if report.by_own_formulas:
         lines.append(f"  by formulas of the check   {', '.join(report.by_own_formulas)}")
     if report.handed_over:

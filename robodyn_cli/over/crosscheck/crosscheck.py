@@ -16,6 +16,7 @@ from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
+from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
@@ -23,6 +24,7 @@ from robodyn_cli.works.simulate import simulate
 ENGINES = ("pinocchio", "mujoco")
 MARGIN = 10.0  # times the two errors together by which answers may differ
 FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
+Compared = tuple[list[ComparedQuantity], float | Absent]  # and the last sample, if not all are compared
 RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
 
 
@@ -45,7 +47,7 @@ def crosscheck(
     moves, compare = COMPARED[command]
     translated = translate(scene, moves)
     other = _engine(engine)(translated.model)
-    compared = compare(translated, other, progress)
+    compared, until = compare(translated, other, progress)
     return CrosscheckReport(
         status="ok" if all(one.agrees for one in compared) else "differs",
         title=scene.title or "scene",
@@ -55,6 +57,7 @@ def crosscheck(
         compared=compared,
         handed_over=list(translated.given),
         by_own_formulas=list(translated.own),
+        compared_until=until,
     )
 
 
@@ -104,7 +107,7 @@ def _engine(name: str) -> Callable[[Any], PeerEngine]:
     return InMujoco
 
 
-def _torques(translated: Translation, other: PeerEngine, progress: Progress) -> list[ComparedQuantity]:
+def _torques(translated: Translation, other: PeerEngine, progress: Progress) -> Compared:
     """Compare the torques along the scene's trajectory.
 
     The engine's error is M (FD(ID(a)) - a): what its own two algorithms differ by.
@@ -126,11 +129,11 @@ def _torques(translated: Translation, other: PeerEngine, progress: Progress) -> 
             "the torques have no error estimate, so there is nothing to compare a difference with"
         )
     names = translated.model.v_names
-    return [_compare("tau", names, (result["tau"], theirs), t, (float(own), apart))]
+    return [_compare("tau", names, (result["tau"], theirs), t, (float(own), apart))], ABSENT
 
 
-def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> list[ComparedQuantity]:
-    """Compare the motion at the samples.
+def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> Compared:
+    """Compare the motion at the samples, before it passes a singular pose, where it may go on in more than one way.
 
     The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
     difference of the two.
@@ -138,6 +141,9 @@ def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> l
     scene = translated.scene
     result = simulate(scene)
     ours, t = np.column_stack([result["q"], result["qd"]]), result["time"].ravel()
+    passed = result.summary.get("passed") or [np.inf]
+    same = t < passed[0]
+    ours, t, until = ours[same], t[same], ABSENT if same.all() else float(t[same][-1])
     fine, coarse = (_integrated(translated, other, t, ours[0], rtol, progress) for rtol in RTOL)
     nq, estimate = translated.model.nq, result.summary["error_estimate"] or {}
     compared = []
@@ -153,7 +159,7 @@ def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> l
         apart = float(np.abs(fine[:, columns] - coarse[:, columns]).max())
         pair = ours[:, columns], fine[:, columns]
         compared.append(_compare(quantity, names, pair, t, (float(own), apart)))
-    return compared
+    return compared, until
 
 
 def _integrated(
@@ -166,7 +172,11 @@ def _integrated(
     closed = (closures_of(model), translated.couplers, rank_tolerance(rest, start[: model.nq], times[0]))
     handed = translated.evaluator(smooth=True)
 
+    reached = float(times[0])
+
     def rate(t: float, x: Array) -> Array:
+        nonlocal reached
+        reached = max(reached, t)
         progress(t, float(times[-1]))
         q, v = x[: model.nq], x[model.nq :]
         given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
@@ -184,13 +194,22 @@ def _integrated(
         inside = (times >= low) & (times <= high)
         # further evaluations make a step's polynomial, so it is asked for in steps with samples alone
         asked = np.union1d(times[inside], high)
-        run = solve_ivp(rate, (low, high), x, method="DOP853", rtol=rtol, atol=1e-2 * rtol, t_eval=asked)
+        try:
+            with np.errstate(all="ignore"):  # of a motion that diverges
+                run = solve_ivp(
+                    rate, (low, high), x, method="DOP853", rtol=rtol, atol=1e-2 * rtol, t_eval=asked
+                )
+        except np.linalg.LinAlgError as error:
+            raise _stopped(reached, str(error)) from error
         if not run.success:
-            reached = run.t[-1] if len(run.t) else low
-            raise NumericalError(f"the other engine's motion stops at t = {reached:.6g} s: {run.message}")
+            raise _stopped(reached, run.message)
         states[inside] = run.y.T[np.searchsorted(asked, times[inside])]
         x = run.y[:, -1]
     return states
+
+
+def _stopped(time: float, why: str) -> NumericalError:
+    return NumericalError(f"the other engine's motion stops at t = {time:.6g} s: {why}")
 
 
 def _compare(
@@ -211,7 +230,7 @@ def _compare(
 
 
 # what is compared, and whether the engine integrates
-COMPARED: dict[str, tuple[bool, Callable[[Translation, PeerEngine, Progress], list[ComparedQuantity]]]] = {
+COMPARED: dict[str, tuple[bool, Callable[[Translation, PeerEngine, Progress], Compared]]] = {
     "inverse": (False, _torques),
     "simulate": (True, _motion),
 }
