@@ -39,6 +39,15 @@ class Manifold:
         body = next(b for b in self.quasi if b.v <= velocity < b.v + b.joint.nv)
         return range(body.q, body.q + body.joint.nq)
 
+    def rate(self, q: Array, v: Array) -> Array:
+        """Return q-dot (nq,) at position q (nq,) and velocity v (nv,)."""
+        out = np.zeros(self.nq)
+        out[self._to] = v[self._from]
+        for body in self.quasi:
+            here, there = self._slices(body)
+            out[here] = _numbers(body.joint.velocity_map(_vector(q[here]), _vector(v[there])))
+        return out
+
     def rates(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Return q-dot and q-ddot (nq,) at position q (nq,), velocity v and acceleration a (nv,)."""
         first, second = np.zeros(self.nq), np.zeros(self.nq)

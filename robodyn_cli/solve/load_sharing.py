@@ -322,8 +322,9 @@ def constrained(
     U, s, Vt = np.linalg.svd(psi, full_matrices=True)
     ranks = (s > np.reshape(tolerance, (-1, 1)) * s[:, :1]).sum(axis=1)
     a, lam = np.zeros(f.shape), np.zeros(c.shape)
-    for rank in np.unique(ranks):
-        at = ranks == rank
+    different = np.unique(ranks)
+    for rank in different:
+        at = ranks == rank if len(different) > 1 else slice(None)
         rows, size = np.swapaxes(U[at][:, :, :rank], 1, 2), s[at][:, :rank, None]
         held, free = np.split(Vt[at], [rank], axis=1)
         here, there, N = M[at], psi[at], np.swapaxes(free, 1, 2)

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError, of_option
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, closures_of, translate
 from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
 from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.tools.progress import Progress, no_progress
@@ -172,7 +172,7 @@ def _integrated(
     closed = (closures_of(model), translated.couplers, rank_tolerance(rest, start[: model.nq], times[0]))
     handed = translated.evaluator(smooth=True)
 
-    reached = float(times[0])
+    manifold, reached = Manifold(model), float(times[0])
 
     def rate(t: float, x: Array) -> Array:
         nonlocal reached
@@ -181,11 +181,7 @@ def _integrated(
         q, v = x[: model.nq], x[model.nq :]
         given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
         tau = translated.plain(q, v) + np.array(handed(given), dtype=float)
-        qd = np.empty(model.nq)
-        for body in model.bodies:
-            own = vector(v[body.v : body.v + body.joint.nv])
-            qd[body.q : body.q + body.joint.nq] = body.joint.velocity_map(slice_q(body, q), own)
-        return np.concatenate([qd, other.accelerations((q, v, tau), *closed)])
+        return np.concatenate([manifold.rate(q, v), other.accelerations((q, v, tau), *closed)])
 
     breaks = sorted({x for x in translated.rest.switching.breakpoints if times[0] < x < times[-1]})
     edges = [float(times[0]), *breaks, float(times[-1])]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -207,10 +208,14 @@ class Translation:
     own: tuple[str, ...]
     rest: Problem
 
+    @cached_property
+    def _plain_forces(self) -> list[JointForce]:
+        return _plain_forces(self.model)
+
     def plain(self, q: Array, v: Array) -> Array:
         """Return the torques (nv,) of springs -k (q - q0), dampers -c q-dot and viscous friction -N^2 b q-dot."""
         tau = np.zeros(self.model.nv)
-        for force in _plain_forces(self.model):
+        for force in self._plain_forces:
             element = force.element
             if isinstance(element, Spring):
                 tau[force.v] -= float(element.stiffness) * (q[force.q] - float(element.rest))
