@@ -263,7 +263,7 @@ def test_engines_agree_on_the_parts() -> None:
         frame = asked.model.points["tip"]
         for engine in (one, other):
             engine.bring(q, v)
-        here, there = one.place(frame), other.place(frame)
+        here, there = one.places([frame]), other.places([frame])
         for name in ("p", "R", "J", "a", "w"):
             assert np.abs(getattr(here, name) - getattr(there, name)).max() < 1e-11, name
         assert np.abs(one.mass_matrix() - other.mass_matrix()).max() < 1e-12

@@ -31,11 +31,11 @@ MISSING = "{} is not installed: pip install 'robodyn[oracle]'"
 
 
 @record
-class PeerPlace:
-    """A frame of the engine, all in base axes.
+class PeerPlaces:
+    """Frames (F) of the engine, all in base axes.
 
-    p (3,) : position. R (3, 3) : axes. J (6, nv) : Jacobian, angular rows first. a (6,) : acceleration with v-dot = 0.
-    w (3,) : angular velocity.
+    p (F, 3) : position. R (F, 3, 3) : axes. J (F, 6, nv) : Jacobian, angular rows first. a (F, 6) : acceleration with
+    v-dot = 0. w (F, 3) : angular velocity.
     """
 
     p: Array
@@ -68,15 +68,15 @@ class PeerEngine(ABC):
 
     @abstractmethod
     def bring(self, q: Array, v: Array) -> None:
-        """Bring the mechanism to a state, of which ``mass_matrix`` and ``place`` are then."""
+        """Bring the mechanism to a state, of which ``mass_matrix`` and ``places`` are then."""
 
     @abstractmethod
     def mass_matrix(self) -> Array:
         """Return M (nv, nv), rotors included."""
 
     @abstractmethod
-    def place(self, frame: FixedFrame) -> PeerPlace:
-        """Return a frame fixed to a body."""
+    def places(self, frames: Sequence[FixedFrame]) -> PeerPlaces:
+        """Return frames fixed to bodies."""
 
     def in_our_order(self, x: Array) -> Array:
         """Return an array whose last axis is in the engine's order of velocities in ours."""
@@ -102,21 +102,27 @@ class PeerEngine(ABC):
         if not closures and not len(couplers):
             return self.free_accelerations(q, v, tau)
         self.bring(q, v)
-        rows = [self._rows(closure) for closure in closures]
-        rows.append((couplers, np.zeros(len(couplers))))
-        psi = np.concatenate([psi for psi, _ in rows])
-        gamma = np.concatenate([gamma for _, gamma in rows])
+        psi, gamma = self._rows(closures)
+        psi = np.concatenate([psi, couplers])
+        gamma = np.concatenate([gamma, np.zeros(len(couplers))])
         M = self.mass_matrix()
         force = tau - self.torques(q, v, np.zeros_like(v))
         return np.asarray(accelerations(M[None], force[None], psi[None], gamma[None], tolerance)[0])
 
-    def _rows(self, closure: PeerClosure) -> tuple[Array, Array]:
-        """Return Psi (m, nv) and gamma (m,) of a closure: equal points, and no turning about some directions."""
-        first, second = self.place(closure.first), self.place(closure.second)
-        J, a = second.J - first.J, second.a - first.a
-        u = closure.directions @ first.R.T
-        turning = u @ a[:3] + (second.w - first.w) @ cross(first.w, u.T)
-        return np.concatenate([J[3:], u @ J[:3]]), np.concatenate([a[3:], turning])
+    def _rows(self, closures: Sequence[PeerClosure]) -> tuple[Array, Array]:
+        """Return Psi (m, nv) and gamma (m,) of closures: equal points, and no turning about some directions."""
+        if not closures:
+            return np.zeros((0, self.size)), np.zeros(0)
+        count = len(closures)
+        at = self.places([*(one.first for one in closures), *(one.second for one in closures)])
+        J, a, w = (x[count:] - x[:count] for x in (at.J, at.a, at.w))
+        psi, gamma = [J[:, 3:].reshape(-1, self.size)], [a[:, 3:].ravel()]
+        for k, closure in enumerate(closures):
+            if len(closure.directions):
+                u = closure.directions @ at.R[k].T
+                psi.append(u @ J[k, :3])
+                gamma.append(u @ a[k, :3] + w[k] @ cross(at.w[k], u.T))
+        return np.concatenate(psi), np.concatenate(gamma)
 
 
 @record

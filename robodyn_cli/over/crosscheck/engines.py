@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 from xml.etree.ElementTree import SubElement
 
@@ -105,7 +105,12 @@ class InPinocchio(engine.PeerEngine):
         M = np.array(self.pin.crba(self.model, self.data, self._q))
         return self.in_our_order(self.in_our_order(np.triu(M) + np.triu(M, 1).T).T)
 
-    def place(self, frame: FixedFrame) -> engine.PeerPlace:
+    def places(self, frames: Sequence[FixedFrame]) -> engine.PeerPlaces:
+        each = zip(*(self._place(frame) for frame in frames))
+        return engine.PeerPlaces(*(np.array(x) for x in each))
+
+    def _place(self, frame: FixedFrame) -> tuple[Array, ...]:
+        """Return p, R, J, a and w of a frame, see ``PeerPlaces``."""
         pin, joint = self.pin, self.joint[frame.body]
         at = self.pin.SE3(engine.real(frame.R), engine.real(frame.p))
         local = pin.Frame("", joint, 0, at, pin.FrameType.OP_FRAME)
@@ -114,7 +119,7 @@ class InPinocchio(engine.PeerEngine):
         J = pin.getFrameJacobian(self.model, self.data, joint, at, axes)
         velocity = pin.getFrameVelocity(self.model, self.data, joint, at, axes)
         drift = pin.getFrameClassicalAcceleration(self.model, self.data, joint, at, axes)
-        return engine.PeerPlace(
+        return (
             pose.translation.copy(),
             pose.rotation.copy(),
             self.in_our_order(np.concatenate([J[3:], J[:3]])),
@@ -209,16 +214,17 @@ class InMujoco(engine.PeerEngine):
             self.mj.mj_mulM(self.model, self.data, M[k], unit[k])
         return np.asarray(self._T.T @ self.in_our_order(self.in_our_order(M).T) @ self._T)
 
-    def place(self, frame: FixedFrame) -> engine.PeerPlace:
-        body, data = self.body[frame.body], self.data
-        R = data.xmat[body].reshape(3, 3).copy()
-        p = data.xpos[body] + R @ engine.real(frame.p)
-        J, rate = np.zeros((6, self.size)), np.zeros((6, self.size))
-        self.mj.mj_jac(self.model, data, J[3:], J[:3], p, body)
-        self.mj.mj_jacDot(self.model, data, rate[3:], rate[:3], p, body)
+    def places(self, frames: Sequence[FixedFrame]) -> engine.PeerPlaces:
+        data, bodies = self.data, [self.body[frame.body] for frame in frames]
+        axes = data.xmat[bodies].reshape(-1, 3, 3)
+        p = data.xpos[bodies] + (axes @ np.array([engine.real(f.p) for f in frames])[..., None])[..., 0]
+        J, rate = np.zeros((2, len(frames), 6, self.size))
+        for k, body in enumerate(bodies):
+            self.mj.mj_jac(self.model, data, J[k, 3:], J[k, :3], p[k], body)
+            self.mj.mj_jacDot(self.model, data, rate[k, 3:], rate[k, :3], p[k], body)
         ours = self.in_our_order(J) @ self._T
-        a = rate @ data.qvel + ours @ self._lag
-        return engine.PeerPlace(p, R @ engine.real(frame.R), ours, a, J[:3] @ data.qvel)
+        a, w = rate @ data.qvel + ours @ self._lag, J[:, :3] @ data.qvel
+        return engine.PeerPlaces(p, axes @ np.array([engine.real(f.R) for f in frames]), ours, a, w)
 
 
 LEAST = 1e-14  # mass [kg] and principal moments [kg m^2] of bodies that MuJoCo takes
