@@ -17,6 +17,7 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
 from robodyn_cli.over.sensitivity.differences import EXACT, Slope, differences
+from robodyn_cli.over.sensitivity.gradients import Gradients
 from robodyn_cli.over.sensitivity.motion.variational import NEW, nodes_of, transfers
 from robodyn_cli.over.sensitivity.report import exact_slopes, quotient
 from robodyn_cli.results.hdf5 import read
@@ -367,6 +368,18 @@ def test_controllers_and_their_updates(control: str, keys: list[str]) -> None:
     """Continuous and sampled laws with limits, delays, integrators, noise, and rates from differences."""
     text = CONTROLLED.replace("CONTROL", f"{{{control}}}")
     compare_with_differences(asked(text, [*keys, "robot.links.l2.mass"], ["final.q.a", "final.qd.b"]))
+
+
+def test_updates_are_differentiated_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a controller with hundreds of updates neither these nor the steps between them are looked at one by one."""
+    samples, call = list[int](), Gradients.__call__
+    monkeypatch.setattr(Gradients, "__call__", lambda self, n, *x: (samples.append(n), call(self, n, *x))[1])
+    law = "{type: pid, period: 0.002, delay: 0.001, gains: {kp: 60, ki: 40, kd: 9}}"
+    question = asked(CONTROLLED.replace("CONTROL", law), ["control.gains.kp"], ["final.q.a"])
+    assert len(exact(question)) == 1
+    parts = 2 * round(0.8 / 0.002)
+    assert len(samples) < 20
+    assert sum(samples) < 80 * parts
 
 
 @pytest.mark.parametrize(

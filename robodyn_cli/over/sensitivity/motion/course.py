@@ -8,10 +8,12 @@ S_z+ = u_x S- + u_k,   S_q and S_v as they are
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.equations.control.control import NOISE
 from robodyn_cli.equations.discontinuities import is_of_time
@@ -29,12 +31,14 @@ from robodyn_cli.formulations.events import (
 )
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.latch_states import LatchStates
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
-from robodyn_cli.over.sensitivity.motion.variational import NEW, StatePoint, Variational
+from robodyn_cli.over.sensitivity.gradients import Gradients
+from robodyn_cli.over.sensitivity.motion.variational import NEW, Linearised, Variational
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -259,8 +263,8 @@ def parts_of(
         if stop <= begin:
             raise CapabilityError("switches follow one another at once")
         margin = SHORTEST * (stop - begin)
-        inner = [time for time in steps if begin + margin < time < stop - margin]
-        bounds = [begin, *inner, stop]
+        first, last = bisect_right(steps, begin + margin), bisect_left(steps, stop - margin)
+        bounds = [begin, *steps[first:last], stop]
         parts += [(a, b, switched and a == begin) for a, b in zip(bounds, bounds[1:])]
         begin, switched = stop + 2.0 * beside, True
     return parts
@@ -291,12 +295,44 @@ class Updated:
         self.places = list(further_places(variational.system))
         layout = variational.system.layout
         phases = [] if self.updates is None else control.phases
-        self.phases = [phase if layout is None else layout.renamed(phase) for phase in phases]
+        self.phases = [
+            Gradients({"z": phase}, variational.columns(phase), (*STATE_GROUPS, NOISE))
+            for phase in (phases if layout is None else map(layout.renamed, phases))
+        ]
 
-    def over(self, update: tuple[int, int], before: StatePoint) -> Array:
-        """Return S (nx, K) behind an update, named by its number and phase."""
-        number, phase = update
-        return self._set(phase, number, before.t, before.x, before.S)
+    def along(
+        self, switches: Mapping[int, Switch], along: Linearised, last: NDArray[np.int64]
+    ) -> dict[int, tuple[Array, Array]]:
+        """Return the derivatives of updates by the number of the block behind; last : the last samples of blocks."""
+        own = {k: switch.update for k, switch in switches.items() if switch.update is not None}
+        before = last[np.array(list(own), dtype=int) - 1]
+        times = np.array([switches[k].time for k in own])
+        x = along.x[before] + (times - along.t[before])[:, None] * along.rate[before]
+        return dict(zip(own, zip(*self.slopes(list(own.values()), times, x))))
+
+    def slopes(self, updates: Sequence[tuple[int, int]], t: Array, x: Array) -> tuple[Array, Array]:
+        """Return the derivatives of what updates set, by the state (U, nz, nx) and by keys (U, nz, K).
+
+        Parameters
+        ----------
+        updates : numbers and phases. t, x : times (U,) and states (U, nx) right before them.
+        """
+        system, n, count = self.variational.system, self.variational.system.size, self.variational.keys
+        J = np.zeros((len(updates), len(self.places), n + 1 + count))
+        for phase, gradients in enumerate(self.phases):
+            own = [k for k, (_, other) in enumerate(updates) if other == phase]
+            if not own or self.updates is None:
+                continue
+            noise = self.updates.noise[[min(updates[k][0], len(self.updates.noise) - 1) for k in own]]
+            groups = {**system.own_groups(t[own], x[own], np.zeros(0)), NOISE: noise}
+            J[own] = gradients(len(own), groups)["z"][1]
+        return J[:, :, :n], J[:, :, n + 1 :]
+
+    def over(self, S: Array, state: Array, keys: Array) -> Array:
+        """Return S (nx, K) behind an update with these derivatives (nz, nx) and (nz, K)."""
+        new = S.copy()
+        new[self.places] = state @ S + keys
+        return new
 
     def begun(self, S: Array) -> Array:
         """Return S at t = 0 with the states of a controller, which the first update sets."""
@@ -308,12 +344,5 @@ class Updated:
         S = S.copy()
         if control.last:  # what was measured last is where the joints are
             S[np.array(self.places)[control.last]] = S[list(system.q_places)]
-        return self._set(0, 0, 0.0, system.join(q, v, z), S)
-
-    def _set(self, phase: int, number: int, t: float, x: Array, S: Array) -> Array:
-        assert self.updates is not None
-        noise = self.updates.noise[min(number, len(self.updates.noise) - 1)]
-        at = self.variational.slopes(self.phases[phase], t, x, **{NOISE: noise})
-        new = S.copy()
-        new[self.places] = at.state @ S + at.keys
-        return new
+        state, keys = self.slopes([(0, 0)], np.zeros(1), system.join(q, v, z)[None])
+        return self.over(S, state[0], keys[0])

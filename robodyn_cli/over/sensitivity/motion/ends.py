@@ -233,7 +233,8 @@ class MotionSlopes:
         The error is the difference from a solution on half as many blocks along a motion with a looser tolerance.
         """
         motion = self.motion
-        blocks, last = BLOCKS, math.inf
+        # updates of a controller end steps long before they are as long as the motion allows
+        blocks, last = 1 if 2 * len(self.switches) > len(self.parts) else BLOCKS, math.inf
         before = self.once(motion.options, blocks)
         while True:
             blocks *= 2
@@ -273,14 +274,17 @@ class MotionSlopes:
         last = nodes[:, -1]
         self.constraints.keep(ways, shares, course.t[last], x[last], course.p[last])
         switches = dict(zip((k * blocks for k in course.switched), self.switches))
+        updates = self.updates.along(switches, along, last)
         S = self.start
         for k, (way, share) in enumerate(zip(ways, shares)):
             if k in switches:
-                S = self._over(switches[k], along, int(nodes[k - 1, -1]), S)
+                S = self._over(switches[k], along, int(last[k - 1]), S, updates.get(k))
             S = way @ S + share
         return self._at_end(along.point(-1, S), course.p[-1])
 
-    def _over(self, switch: Switch, along: Linearised, last: int, S: Array) -> Array:
+    def _over(
+        self, switch: Switch, along: Linearised, last: int, S: Array, update: tuple[Array, Array] | None
+    ) -> Array:
         """Return S (nx, K) at the sample behind a switch, from that at the ``last`` sample before it."""
         before = along.point(last, S)
         before = before.moved(switch.time - before.t)
@@ -289,7 +293,7 @@ class MotionSlopes:
             away = behind.t - switch.time
             S = self._latched(switch, p, before, behind.moved(-away).rate)
             return along.point(last + 1, S).moved(away).S
-        S = before.S if switch.update is None else self.updates.over(switch.update, before)
+        S = before.S if update is None else self.updates.over(before.S, *update)
         behind = along.point(last + 1, S)
         away = behind.t - switch.time
         if switch.functions or switch.update is None:

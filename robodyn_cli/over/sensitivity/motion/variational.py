@@ -69,12 +69,15 @@ def transfers(A: Array, B: Array, lengths: Array, nq: int) -> tuple[Array, Array
         positions lead x.
     """
     blocks, _, nr, nx = A.shape
+    # states that stay, as those of a sampled controller do between its updates, have no part in the solution
+    moving = np.array([k for k in range(nr) if k < nq or A[:, :, k].any() or B[:, :, k].any()], dtype=int)
+    A, B, nr = A[:, :, moving], B[:, :, moving], len(moving)
     Q, h = integrals(), lengths[:, None, None, None]
     QQ = Q @ Q
     # x at the nodes is ``begin`` times x at the beginning and h Q, for positions h^2 QQ, times the rates
     begin = np.tile(np.eye(nx), (blocks, NEW + 1, 1, 1))
     begin[:, :, :nq, nq : 2 * nq] += h * (np.arange(NEW + 1) / NEW)[:, None, None] * np.eye(nq)
-    scaled, of_q = h * A[..., nq:], h * h * A[..., :nq]
+    scaled, of_q = h * A[..., nq + moving], h * h * A[..., :nq]
     by_rates = Q[None, :, None, :, None] * scaled[:, :, :, None, :]
     by_rates[..., :nq] += QQ[None, :, None, :, None] * of_q[:, :, :, None, :]
     size = (NEW + 1) * nr
@@ -84,7 +87,7 @@ def transfers(A: Array, B: Array, lengths: Array, nq: int) -> tuple[Array, Array
     h = lengths[:, None, None]
     ends = np.zeros((blocks, nx, right.shape[2]))
     ends[:, :, :nx] = begin[:, -1]
-    ends[:, nq:] += h * (Q[-1] @ rates).reshape(blocks, nr, -1)
+    ends[:, nq + moving] += h * (Q[-1] @ rates).reshape(blocks, nr, -1)
     ends[:, :nq] += h * h * (QQ[-1] @ rates).reshape(blocks, nr, -1)[:, :nq]
     return ends[:, :, :nx], ends[:, :, nx:]
 
