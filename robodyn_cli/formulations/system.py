@@ -121,6 +121,7 @@ class System:
     forms : the same motion in forms that some methods use instead of the rates. updates : of states that are constant
     but for known instants, the first of z. closings : of latches, which compiled code makes. numbers : gives those of
     another scene of this structure that programs read, one after another; None: they read their own.
+    is_rounded : whether rounding puts rates off by more than is usual, so that it is measured on the way.
     """
 
     nq: int
@@ -138,6 +139,7 @@ class System:
     updates: Updates | None = None
     closings: Closings | None = None
     numbers: Callable[[Sequence[Program]], NDArray[Any]] | None = None
+    is_rounded: bool = False
 
     @property
     def size(self) -> int:
@@ -350,7 +352,7 @@ class System:
         if self.closings is not None:
             code.append(self.closings.digest)
             events = [f"{text}{e.closing}" for text, e in zip(events, self.events)]
-        return " ".join([size, str(self.nz), *code, *events])
+        return " ".join([size, str(self.nz), *code, *events, "rounded" * self.is_rounded])
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:

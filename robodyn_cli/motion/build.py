@@ -24,6 +24,7 @@ from robodyn_cli.tools.progress import Stopwatch
 
 Follow = Callable[[Problem, Sequence[int]], Sequence[Watcher]]
 AUTOMATIC = "baumgarte"
+LIGHT = 1e-3  # of the largest mass of a link
 
 
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
@@ -113,7 +114,7 @@ def build_motion(
         watchers = (*follow(problem, passive), *half_turns(problem))
         system = watched_system(problem, scene.simulate.stabilisation, watchers, work)
     with watch.stage("method"), all_missing_data(problem, system, reactions):
-        choice = _choice(scene, setup, system, plan)
+        system, choice = _method(scene, setup, system, plan)
     motion = Motion(
         scene,
         problem,
@@ -157,12 +158,30 @@ def options_for(scene: Scene) -> Options:
     return Options(s.rtol, s.atol, s.step, longest, s.max_steps)
 
 
-def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> MethodChoice:
+def _method(scene: Scene, setup: Setup, system: System, plan: bool) -> tuple[System, MethodChoice]:
+    """Return the system with what is known of its rounding, and the method with its reason."""
     lacks = plan and not system.dynamics.any_size
     if lacks and unknown_among(system.rates):
-        return MethodChoice(scene.simulate.integrator, "data are missing that the choice needs")
+        return system, MethodChoice(scene.simulate.integrator, "data are missing that the choice needs")
     start = system.join(setup.assembled.q, setup.assembled.v)
-    return choose(scene, setup.problem, system, start, options_for(scene))
+    off = 0.0
+    if _may_be_rounded(setup.problem):
+        from robodyn_cli.motion.conditioning import rounding_of_rates
+
+        off = rounding_of_rates(system, start)
+    if off:
+        system = dataclasses.replace(system, is_rounded=True)
+    choice = choose(scene, setup.problem, system, start, options_for(scene))
+    if off > scene.simulate.atol:
+        told = f"rounding puts accelerations off by {off:.0e} rad/s^2 or m/s^2, which is no error of a step"
+        choice = dataclasses.replace(choice, reason=f"{choice.reason}; {told}")
+    return system, choice
+
+
+def _may_be_rounded(problem: Problem) -> bool:
+    """Tell whether rounding may put rates off by more than is usual: links far lighter than others, or loops."""
+    masses = [link.mass or 0.0 for link in problem.scene.robot.links]
+    return bool(problem.model.closures) or min(masses) < LIGHT * max(masses)
 
 
 # -- Baumgarte's gains that the scene leaves to us ---------------------------------------------------------

@@ -10,12 +10,15 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.expr.many import ManyNumbers
-from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.formulations.system import System
+from robodyn_cli.model.model import PARAMETER_GROUP, unknown_among
 from robodyn_cli.observe.rounding import ENLARGED, Rounded, largest_differences
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 LARGE = 50_000  # operations
+NOTABLE = 1e-12  # of the largest rate, beyond which rounding is more than is usual
+NEGLIGIBLE = 1e-13  # rad/s^2 or m/s^2
 VANISHED = 1e-12  # of the largest singular value: smaller ones are those of rows that depend on others
 
 
@@ -70,6 +73,30 @@ class Conditioning:
         """
         off = self.acceleration * lasted
         return np.maximum(self.closing, off * np.minimum(lasted, self.changes)), off
+
+
+def rounding_of_rates(system: System, x: Array) -> float:
+    """Return how far rounding of the equations puts the rates v-dot off [rad/s^2, m/s^2] as a motion begins.
+
+    Links of next to no mass between joints make that large: torques are rounded, and divided by their inertia.
+
+    Parameters
+    ----------
+    x : state (nx,) at t = 0.
+
+    Returns
+    -------
+    float : of the rate that is put off most; 0 where that is no more than is usual, or not to be told at little cost.
+    """
+    if system.dynamics.any_size or unknown_among(system.acceleration):
+        return 0.0
+    program = Rounded(system.acceleration)
+    if len(program.nodes) > LARGE:
+        return 0.0
+    p = system.parameters_at(0.0, system.split(x)[0])
+    draws = program(system.own_groups(np.zeros((1, 1)), x[None], p[None]))
+    off, largest = largest_differences(draws[None])[0], np.abs(draws[0]).max(initial=0.0)
+    return float(off) if max(NOTABLE * largest, NEGLIGIBLE) < off < np.inf else 0.0
 
 
 def _closing(

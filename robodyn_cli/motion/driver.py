@@ -110,7 +110,7 @@ class Driver:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._done = Counters()
+        self._done, self._rounded = Counters(), 0.0
         self.changes: list[MethodChange] = []
         self._take_up(self.first)
 
@@ -158,6 +158,13 @@ class Driver:
         return self._done + self.integrator.counters
 
     @property
+    def rounded(self) -> float:
+        """What rounding has made of rates over the whole run, at most [rad/s, m/s]: that of the equations, where it is
+        more than is usual, and what watchers tell of their own integrations."""
+        own = sum(watcher.rounding for watcher in self.watchers)
+        return self._rounded + self.integrator.rounded + own
+
+    @property
     def attempts(self) -> int:
         """Steps over the whole run, rejected ones too."""
         return self.counters.attempts
@@ -172,7 +179,7 @@ class Driver:
         self.options = self.options if options is None else options
         if self.changes:
             self._begin_anew()
-        self._done = Counters()
+        self._done, self._rounded = Counters(), 0.0
         self._paused = (time, 0)
         for watcher in self.watchers:
             state = watcher.begin(time, state, self.options)
@@ -283,7 +290,7 @@ class Driver:
             times = grid.times(first, last)
             emit(times, leap.states(times))
         state = leap.state if leap.time < end else leap.states(np.array([end]))[0]
-        self._done = self.counters
+        self._done, self._rounded = self.counters, self.rounded
         self._go_on_from(behind, state)
         self._meet(behind, state, self.parameters)
 
@@ -316,7 +323,7 @@ class Driver:
             return True
         time, state = self.time, self.state
         self.changes.append(change)
-        self._done = self.counters
+        self._done, self._rounded = self.counters, self.rounded
         self._take_up(change.to)
         self._go_on_from(time, state)
         return True

@@ -38,7 +38,8 @@ REST = 1e-14  # of 1 rad, 1 m or their rates, or of larger ones: what rounding m
 
 @record
 class FirstRun(First):
-    """The run whose error is asked for: its beginning, samples, end [s] and the state x (nx,) there.
+    """The run whose error is asked for: its beginning, samples, end [s], the state x (nx,) there, and what rounding has
+    made of its rates [rad/s, m/s].
 
     start : where the second integration begins (nx,), off from the first by the error of what came before; None: there.
     latest : of a run that an event ended: until when the second one may go on to its own [s]; None: to ``end``.
@@ -49,6 +50,7 @@ class FirstRun(First):
     end: float
     state: Array
     start: Array | None = None
+    rounded: float = 0.0
     latest: float | None = None
 
     @staticmethod
@@ -57,7 +59,9 @@ class FirstRun(First):
         end, steps = recorder.last_time, np.array([driver.counters.steps])
         state = driver.state if driver.time == end else recorder.last_state
         went = np.array([end - beginning.time])
-        return FirstRun(driver.options, driver.first, steps, went, beginning, grid, end, state)
+        return FirstRun(
+            driver.options, driver.first, steps, went, beginning, grid, end, state, rounded=driver.rounded
+        )
 
 
 def grid_of(scene: Scene, beginning: Beginning) -> Grid:
@@ -203,10 +207,9 @@ def estimate_error(
         how = f"difference from a second integration with {failed.how}"
         return Estimate(MotionErrors(how, reason=reason))
     courses, times = judged_courses(motion, first, second, recorder)
-    watched = sum(watcher.rounding for watcher in motion.watchers)
     lasted = times[-1] - times[0]
     floor = courses.floor(
-        first.steps, lasted, lambda near: motion.conditioning(times[None], courses.first), watched
+        first.steps, lasted, lambda near: motion.conditioning(times[None], courses.first), first.rounded
     )
     factor = float(courses.scale[0])  # of figures, as in many runs
     courses, doubt = courses.settled(floor, motion.is_steep)

@@ -164,8 +164,8 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     """Return the error of a run that gains or loses more energy than its tolerances explain, with its time.
 
     Allowed is BEYOND times the largest of: rtol times the largest energy (summed over the steps where there are very
-    many); what an error of atol in each coordinate, and the rounding of what watchers have integrated, makes of the
-    energy; rounding over the steps.
+    many); what an error of atol in each coordinate, and what rounding has made of the rates, makes of the energy;
+    rounding over the steps.
     """
     recorder, steps, options = run.recorder, run.driver.counters.steps, run.motion.options
     if not recorder.samples:
@@ -175,8 +175,7 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     course = EnergyCourse(
         kinetic, recorder.array("energy/potential"), work, recorder.array("q"), recorder.array("qd")
     )
-    rounding = sum(watcher.rounding for watcher in run.motion.watchers)
-    drift, allowed = course.drift, course.allowed(steps, options, rounding)
+    drift, allowed = course.drift, course.allowed(steps, options, run.driver.rounded)
     beyond = np.flatnonzero(drift > allowed)
     if not len(beyond):
         return None
@@ -216,7 +215,7 @@ class EnergyCourse:
         off: Array = np.abs(total - self.work - (total[0] - self.work[0]))
         return off
 
-    def allowed(self, steps: Any, options: Options, rounding: float) -> Array:
+    def allowed(self, steps: Any, options: Options, rounding: Any) -> Array:
         """Return by how much it may be off [J]; rounding : what is left in the rates beside ``atol``."""
         level, risen = np.abs(self.potential).max(axis=0), np.abs(self.potential - self.potential[0])
         # energies have no zero: what counts is how far they range so far

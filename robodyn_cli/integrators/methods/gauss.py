@@ -117,6 +117,9 @@ class GaussStepper(GaussOutput):
     the error is estimated, so that the tolerance of the iteration is that of the step.
     """
 
+    # the norm of updates is over all stages, and has to be well below 1; errors are a part of the estimate
+    above_rounding = 10.0 * ACCEPT
+
     def __init__(self, method: Gauss, w: Writer) -> None:
         super().__init__(method, w, method.stages, method.residual_of(w.system))
         f, self.estimates = w.f, not method.facts.fixed_step

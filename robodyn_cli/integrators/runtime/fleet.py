@@ -111,6 +111,11 @@ class Runs:
         return self.w[:, DoubleSlot.T]
 
     @property
+    def rounded(self) -> Array:
+        """What rounding of the equations has made of rates, at most [rad/s, m/s]; 0 where it is as usual."""
+        return self.w[:, DoubleSlot.ROUNDED]
+
+    @property
     def steps(self) -> Integers:
         """Accepted steps."""
         return self.n[:, IntegerSlot.ACCEPTED]

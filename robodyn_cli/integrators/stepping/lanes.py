@@ -39,6 +39,7 @@ def suits(system: System, method: Method) -> bool:
         method.vectors
         and not (system.dynamics.any_size or system.events or method.moves_state(system))
         and not (system.breakpoints or system.partition or system.parameters or system.updates)
+        and not system.is_rounded
         and system.nv <= LONG
         and not any(step.program.has_tables for step in method.programs(system))
     )

@@ -19,6 +19,7 @@ from robodyn_cli.integrators.event_location.locate_event import (
 )
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.control import StepVerdict, judge, remember, shorter
+from robodyn_cli.integrators.stepping.rounding import step_rounding
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer
 from robodyn_cli.kernels.arrays import Array
@@ -81,7 +82,7 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
         w.state[k] = y[k]
     with f.block() as ended:
         run = Exit(w.f, ended)
-        jumps = None
+        jumps, rounding = None, step_rounding(w, stepper.method)
         if w.system.events:
             from robodyn_cli.integrators.stepping.jumps import jump_steps
 
@@ -92,9 +93,14 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
 
                 update_when_due(w, w.system.updates, run)
             _write_samples(w, stepper, run)
-            if jumps is not None:
-                jumps.begin()
+            if rounding is not None:
+                rounding.begin()
             step = _next_step(w, stepper, run)
+            if jumps is not None or rounding is not None:
+                atol = w.get(DoubleSlot.GIVEN_ATOL)
+                if rounding is not None:
+                    atol = rounding.tolerance(step.h, atol, stepper.above_rounding)
+                w.put(DoubleSlot.ATOL, atol if jumps is None else jumps.tolerance(atol))
             with f.block() as failed:
                 attempt = stepper.attempt(step.t, step.h, failed)
                 verdict = judge(w, stepper.method.adaptive, stepper.control, step.h, attempt)
@@ -110,6 +116,8 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
                 _commit(w, step, verdict, stepper.method.adaptive)
                 if jumps is not None:
                     jumps.commit()
+                if rounding is not None:
+                    rounding.commit(step.h)
                 if stepper.method.projects(w.system):
                     _project(w)
                 steps.again()

@@ -158,7 +158,7 @@ class _Judge:
         second, done = self._again(self.first)
         steep = self.batch.structure.motion.is_steep
         courses, apart = self._courses(second), self._apart(second)
-        floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
+        floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning, self.runs.rounded)
         courses, doubt = courses.settled(floor, steep)
         if len(rows := np.flatnonzero(done & doubt)):
             few = self.part(rows)

@@ -331,7 +331,7 @@ def keeps_energy_along(batch: RunBatch, method: str) -> Masks:
     course = EnergyCourse(*(y.swapaxes(0, 1) for y in (*energies, *motion.system.split(x)[:2])))
     rounding = sum(watcher.rounding for watcher in motion.watchers)
     kept: Masks = runs.arrived & np.all(
-        course.drift <= course.allowed(runs.steps, batch.options, rounding), axis=0
+        course.drift <= course.allowed(runs.steps, batch.options, rounding + runs.rounded), axis=0
     )
     return kept
 
