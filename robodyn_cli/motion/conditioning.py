@@ -10,7 +10,9 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.expr.many import ManyNumbers
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.stepping.rounding import last_digits
 from robodyn_cli.model.model import PARAMETER_GROUP, unknown_among
 from robodyn_cli.observe.rounding import ENLARGED, Rounded, largest_differences
 from robodyn_cli.record import record
@@ -78,7 +80,8 @@ class Conditioning:
 def rounding_of_rates(system: System, x: Array) -> float:
     """Return how far rounding of the equations puts the rates v-dot off [rad/s^2, m/s^2] as a motion begins.
 
-    Links of next to no mass between joints make that large: torques are rounded, and divided by their inertia.
+    Links of next to no mass between joints make that large: torques are rounded, and divided by their inertia. It is
+    measured as on the way (``integrators/stepping/rounding.py``).
 
     Parameters
     ----------
@@ -86,16 +89,16 @@ def rounding_of_rates(system: System, x: Array) -> float:
 
     Returns
     -------
-    float : of the rate that is put off most; 0 where that is no more than is usual, or not to be told at little cost.
+    float : of the rate that is put off most; 0 where that is no more than is usual, or rates are no expressions.
     """
     if system.dynamics.any_size or unknown_among(system.acceleration):
         return 0.0
-    program = Rounded(system.acceleration)
-    if len(program.nodes) > LARGE:
-        return 0.0
+    states = np.vstack([x, x + np.maximum(np.abs(x), 1.0) * last_digits(len(x))])
     p = system.parameters_at(0.0, system.split(x)[0])
-    draws = program(system.own_groups(np.zeros((1, 1)), x[None], p[None]))
-    off, largest = largest_differences(draws[None])[0], np.abs(draws[0]).max(initial=0.0)
+    groups = {name: values.T for name, values in system.own_groups(np.zeros(1), states, p).items()}
+    with np.errstate(all="ignore"):
+        rates = np.stack([np.zeros(len(states)) + y for y in [0.0, *evaluate(system.acceleration, groups)]])
+        off, largest = np.abs(rates[:, 1:] - rates[:, :1]).max(), np.abs(rates).max()
     return float(off) if max(NOTABLE * largest, NEGLIGIBLE) < off < np.inf else 0.0
 
 

@@ -159,10 +159,8 @@ class Driver:
 
     @property
     def rounded(self) -> float:
-        """What rounding has made of rates over the whole run, at most [rad/s, m/s]: that of the equations, where it is
-        more than is usual, and what watchers tell of their own integrations."""
-        own = sum(watcher.rounding for watcher in self.watchers)
-        return self._rounded + self.integrator.rounded + own
+        """What rounding of the equations has made of rates over the whole run, at most [rad/s, m/s]."""
+        return self._rounded + self.integrator.rounded
 
     @property
     def attempts(self) -> int:

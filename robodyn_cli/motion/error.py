@@ -311,27 +311,33 @@ class Courses:
         return last
 
     def floor(
-        self, steps: Any, lasted: Any, conditioning: Callable[[Masks], Conditioning], rounded: Any = 0.0
+        self,
+        steps: Any,
+        lasted: Any,
+        conditioning: Callable[[Masks], Conditioning],
+        rounded: Any = 0.0,
+        watched: float = 0.0,
     ) -> Floor:
         """Return what rounding is expected to leave.
 
         Parameters
         ----------
         steps : of the first integrations (N,), which lasted so long (N,) [s]. conditioning : that of the runs (N,)
-            which it counts for. rounded : what rounding has made of rates on the way (N,), as far as that is known.
+            which it counts for. rounded : what rounding has made of rates on the way (N,), where that is
+            measured. watched : what others say that rounding leaves.
         """
         largest, part = (
             np.abs(self.first).max(axis=1, initial=0.0),
             HALF_UNIT * np.sqrt(np.maximum(1.0, steps)),
         )
         both = list(self.system.q_places), list(self.system.v_places)
-        q, qd = (np.maximum(part * largest[:, places].max(axis=1, initial=0.0), rounded) for places in both)
+        q, qd = (np.maximum(part * largest[:, places].max(axis=1, initial=0.0), watched) for places in both)
         errors = self.errors[:, :, [*both[0], *both[1]]].max(axis=(1, 2), initial=0.0)
         near = errors <= NEAR_ROUNDING * np.maximum(q, qd)
-        if not near.any():
-            return Floor(q, qd)
-        off_q, off_qd = conditioning(near).leaves(lasted)
-        return Floor(np.where(near, np.maximum(q, off_q), q), np.where(near, np.maximum(qd, off_qd), qd))
+        if near.any():
+            off_q, off_qd = conditioning(near).leaves(lasted)
+            q, qd = (np.where(near, np.maximum(x, off), x) for x, off in ((q, off_q), (qd, off_qd)))
+        return Floor(np.maximum(q, rounded), np.maximum(qd, rounded))
 
 
 @record

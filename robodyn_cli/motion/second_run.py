@@ -207,9 +207,14 @@ def estimate_error(
         how = f"difference from a second integration with {failed.how}"
         return Estimate(MotionErrors(how, reason=reason))
     courses, times = judged_courses(motion, first, second, recorder)
+    watched = sum(watcher.rounding for watcher in motion.watchers)
     lasted = times[-1] - times[0]
     floor = courses.floor(
-        first.steps, lasted, lambda near: motion.conditioning(times[None], courses.first), first.rounded
+        first.steps,
+        lasted,
+        lambda near: motion.conditioning(times[None], courses.first),
+        first.rounded,
+        watched,
     )
     factor = float(courses.scale[0])  # of figures, as in many runs
     courses, doubt = courses.settled(floor, motion.is_steep)

@@ -175,7 +175,8 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     course = EnergyCourse(
         kinetic, recorder.array("energy/potential"), work, recorder.array("q"), recorder.array("qd")
     )
-    drift, allowed = course.drift, course.allowed(steps, options, run.driver.rounded)
+    rounding = sum(watcher.rounding for watcher in run.motion.watchers) + run.driver.rounded
+    drift, allowed = course.drift, course.allowed(steps, options, rounding)
     beyond = np.flatnonzero(drift > allowed)
     if not len(beyond):
         return None

@@ -33,7 +33,7 @@ class StepRounding:
         self.w, self.f, self.method = w, w.f, method
         self.x, self.rates, self.moved = w.array(2, 1), w.array(1, 1), w.array(1, 1)
         self.off, self.largest = w.f.slot(), w.f.slot()
-        self.changes = w.f.table("rounding.changes", (ROUNDING * _signs()).ravel())
+        self.changes = w.f.table("rounding.changes", last_digits(8).T.ravel())
 
     def begin(self) -> None:
         """Measure at the state, every few steps and behind each that was rejected."""
@@ -87,6 +87,9 @@ class StepRounding:
         return self.f.load(self.f.offset(self.changes, (c & 7) * DRAWS + draw))
 
 
-def _signs() -> np.ndarray:
-    """Return which way eight components (rows) are off in draws: neighbours are not alike in all."""
-    return np.array([[(-1.0) ** (c >> draw) for draw in range(DRAWS)] for c in range(8)])
+def last_digits(count: int) -> np.ndarray:
+    """Return by how much rounding puts so many components off (draw, count), as a part of them or of 1 rad and 1 m.
+
+    Neighbours are not alike in all draws.
+    """
+    return np.array([[ROUNDING * (-1.0) ** (c >> draw) for c in range(count)] for draw in range(DRAWS)])
