@@ -180,7 +180,8 @@ def _method(scene: Scene, setup: Setup, system: System, plan: bool) -> tuple[Sys
 
 def _may_be_rounded(problem: Problem) -> bool:
     """Tell whether rounding may put rates off by more than is usual: links far lighter than others, or loops."""
-    masses = [link.mass or 0.0 for link in problem.scene.robot.links]
+    # plain numbers: what they are compared with is no property of the equations
+    masses = [0.0 if link.mass is None else float(link.mass) for link in problem.scene.robot.links]
     return bool(problem.model.closures) or min(masses) < LIGHT * max(masses)
 
 
