@@ -153,7 +153,7 @@ def test_joints_in_the_order_in_which_their_drives_are_felt(monkeypatch: pytest.
 
 def test_temperatures_that_half_as_many_samples_do_not_have() -> None:
     """At the edge of where losses grow faster than the heat leaves: no error can be told."""
-    known, unknown = (SimpleNamespace(_temperatures=lambda x=x: x) for x in ((50.0, 40.0, 30.0), None))
+    known, unknown = (SimpleNamespace(_temperatures=x) for x in ((50.0, 40.0, 30.0), None))
     for own, half, quarter in ((known, unknown, known), (unknown, known, known), (known, known, unknown)):
         fewer = SimpleNamespace(_temperatures=half._temperatures, half=quarter)
         one: Any = SimpleNamespace(_temperatures=own._temperatures, half=fewer)

@@ -192,6 +192,20 @@ def test_roots_of_many_polynomials_are_those_of_each() -> None:
             np.testing.assert_allclose(own[own > 1e-12], real, rtol=1e-6)
 
 
+@pytest.mark.parametrize("small", 10.0 ** -np.arange(4.0, 18.0))
+def test_small_terms_of_the_highest_powers_take_no_roots_away(small: float) -> None:
+    """They add roots far away: with terms of 1e-16, as rounding leaves them, those nearby were lost."""
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        root, more = rng.uniform(0.1, 0.9), rng.uniform(0.1, 1.0, rng.integers(1, 5))
+        c = np.concatenate([[root, -1.0], small * more * rng.choice([-1.0, 1.0], len(more))])
+        own = root
+        for _ in range(4):  # Newton
+            own -= np.polyval(c[::-1], own) / np.polyval(np.polyder(c[::-1]), own)
+        found = real_roots(c[:, None], np.ones(1))[:, 0]
+        assert found[found < 1.0] == pytest.approx([own], rel=1e-8)
+
+
 def test_turns_and_crossings_of_waves() -> None:
     t = np.linspace(0.0, 40.0, 1201)
     v, a = np.cos(1.3 * t + 0.4), -1.3 * np.sin(1.3 * t + 0.4)
