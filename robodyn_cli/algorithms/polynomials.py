@@ -9,8 +9,9 @@ import numpy as np
 from robodyn_cli.spatial.algebra import Array
 
 REAL = 1e-9  # imaginary part up to which a root counts as real
-NOTHING = 1e-12  # of the largest term: a smaller one of the highest power puts other roots off by as little, but adds far ones,
-# beside which eigenvalues are rounded
+# of the largest term: a smaller one of the highest power puts other roots off by as little, but adds far ones, beside
+# which eigenvalues are rounded
+NOTHING = 1e-12
 
 
 @lru_cache(maxsize=8)

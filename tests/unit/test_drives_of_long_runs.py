@@ -202,8 +202,9 @@ def test_small_terms_of_the_highest_powers_take_no_roots_away(small: float) -> N
         own = root
         for _ in range(4):  # Newton
             own -= np.polyval(c[::-1], own) / np.polyval(np.polyder(c[::-1]), own)
-        found = real_roots(c[:, None], np.ones(1))[:, 0]
-        assert found[found < 1.0] == pytest.approx([own], rel=1e-8)
+        for more_roots in ([], [0.0], [0.0, 0.0]):  # at zero
+            found = real_roots(np.concatenate([more_roots, c])[:, None], np.ones(1))[:, 0]
+            assert found[(found > 1e-6) & (found < 1.0)] == pytest.approx([own], rel=1e-8)
 
 
 def test_turns_and_crossings_of_waves() -> None:
