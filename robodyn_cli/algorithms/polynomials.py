@@ -39,6 +39,8 @@ def real_roots(c: Array, end: Array) -> Array:
     order; in place of each root elsewhere stands ``end``. They are eigenvalues of companion matrices."""
     count = len(c) - 1
     found: Array = np.tile(end, (count, 1))
+    for _ in range(count):  # roots at 0 are none, and beside far ones others are rounded off
+        c = np.where(c[0] == 0.0, np.roll(c, -1, axis=0), c)
     size = np.abs(c) * end ** np.arange(count + 1.0)[:, None]
     own = size[0] <= size[1:].sum(axis=0)  # others cannot be zero there
     if not count or not own.any():
