@@ -123,6 +123,7 @@ class InfoNumbers:
         bodies = self.bodies()
         X = [Transform(plain(self.array(x.E)), plain(self.array(x.r))) for x in problem.X]
         M = self.array(crba(bodies, self.q, X))
+        sigma = singular_values(M)
         g, rest = problem.gravity, [0.0] * model.nv
         held = rest if g is None else rnea(bodies, self.q, rest, rest, plain(g), X)
         return InfoReport(
@@ -131,14 +132,20 @@ class InfoNumbers:
             light_links=_light(scene, model),
             state=InfoState(_named(model.q_names, self.q), _named(model.v_names, self.v)),
             mass_matrix=M.tolist(),
-            mass_matrix_singular_values=singular_values(M),
-            mass_matrix_condition=condition(singular_values(M)),
-            coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)).tolist(),
+            mass_matrix_singular_values=sigma,
+            mass_matrix_condition=condition(sigma),
+            coriolis_matrix=self.coriolis(bodies, X).tolist(),
             gravity_torques=_named(model.v_names, self.array(held)),
             frames=self.frames(),
             points=self.points(),
             constraints=self.constraints() if problem.constraints.rows else ABSENT,
         )
+
+    def coriolis(self, bodies: Model, X: Sequence[Transform]) -> Array:
+        """Return C, which is linear in qd: at rest zero, which the n^2 entries of a long chain need not find out."""
+        if not self.v.any():
+            return np.zeros((len(self.v), len(self.v)))
+        return self.array(coriolis(bodies, self.q, self.v, X))
 
     def frames(self) -> dict[str, FrameAt]:
         """Return the frames of links and the named frames."""

@@ -167,6 +167,17 @@ def test_derivatives_of_a_scene_with_springs_friction_and_a_tie() -> None:
     assert_close(of_tau.dqdd @ of_a.dtau, np.eye(len(v)), 1e-12)
 
 
+def test_the_command_line_has_no_coriolis_matrix_to_compute_at_rest() -> None:
+    """C is linear in qd; a small rate of one joint gives what the function gives."""
+    m = Mechanism(ARM)
+    q = states(m)[0][0]
+    for rates in np.zeros(len(m.qd_names)), 1e-3 * np.eye(len(m.qd_names))[0]:
+        found = info(Path(ARM), (), [f"q={q.tolist()}, qd={rates.tolist()}"]).summary
+        C = m.coriolis(q, rates)
+        assert_close(C, found["coriolis_matrix"], 1e-12)
+        assert C.any() == rates.any()
+
+
 def test_the_command_line_has_the_same_numbers() -> None:
     m = Mechanism(ARM)
     q, v, _ = (x[0] for x in states(m))
