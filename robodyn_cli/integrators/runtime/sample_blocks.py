@@ -31,7 +31,7 @@ class SampleBlocks:
         self.waiting: list[Array] = []
         self.block, self.handed = block, 0
         self.capacity = self.inside or max(1, min(block, grid.count))
-        if len(engine.out) != self.capacity * self.size:
+        if len(engine.out) < self.capacity * self.size:
             engine.make_room(self.capacity * self.size)
         engine.memory.n[IntegerSlot.CAPACITY] = self.capacity
         first = grid.first_at(time)
@@ -49,7 +49,8 @@ class SampleBlocks:
         if end <= self.row:
             return
         if end:
-            rows = self.engine.out.reshape(self.size, self.capacity)[:, self.row : end].T.copy()
+            block = self.engine.out[: self.size * self.capacity].reshape(self.size, self.capacity)
+            rows = block[:, self.row : end].T.copy()
             if self.times is None:
                 self.emit(self.grid.times(k - end + self.row, k), rows)
             else:
