@@ -56,9 +56,10 @@ def errors(result: Result) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("lighter", "gravity"),
-    [(1.0, (0.0, 0.0, -9.81)), (1e-2, (0.0, 0.0, -9.81)), (0.1, (0.2, 0.15, -9.81))],
+    [(1.0, (0.0, 0.0, -9.81)), (1e-3, (0.0, 0.0, -9.81)), (0.1, (0.2, 0.15, -9.81))],
 )
 def test_methods_agree_within_their_errors(lighter: float, gravity: Sequence[float]) -> None:
+    """With the lightest spheres rounding loses more energy than tolerances explain, and the runs count all the same."""
     # steps of implicit methods are not kept from getting short, so that another one takes long with very light spheres
     others = ["radau13"] if lighter == 1.0 else []
     results = {m: simulate(delta(lighter, gravity, m)) for m in [*MOST_STEPS, *others]}
