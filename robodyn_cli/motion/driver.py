@@ -19,7 +19,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Jumped, Leap
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.memory import IntegerSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.runtime.stopped import CROWDED
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
@@ -160,7 +160,7 @@ class Driver:
     @property
     def rounded(self) -> float:
         """What rounding of the equations has made of rates over the whole run, at most [rad/s, m/s]."""
-        return self._rounded + self.integrator.rounded
+        return self._rounded + self.integrator.w[DoubleSlot.ROUNDED]
 
     @property
     def attempts(self) -> int:

@@ -19,6 +19,7 @@ from robodyn_cli.motion.error import (
     Attempt,
     Courses,
     First,
+    Floor,
     difference,
     integrate_again,
     remainder,
@@ -227,6 +228,21 @@ def estimate_error(
             more = sampled_errors(motion, grid, third, recorder, courses.scale)
             dq, dv = (_larger(x, y) for x, y in zip((dq, dv), more))
             facts.append(third.facts)
+    errors = _errors(first, recorder, second, courses, floor, (dq, dv))
+    observed = _observed(recorder, second) if figures or recorder.observer.figures else None
+    return Estimate(errors, observed, facts if second.facts else (), factor, second.watchers, second.end)
+
+
+def _errors(
+    first: FirstRun,
+    recorder: Recorder,
+    second: Second,
+    courses: Courses,
+    floor: Floor,
+    sampled: tuple[Array, Array],
+) -> MotionErrors:
+    """Return the errors of a motion, by those of q and qd (T, n) at the samples and by the courses at the end."""
+    dq, dv = sampled
     least_q, least_v = float(floor.q[0]), float(floor.qd[0])
     largest = max(float(dq.max(initial=0.0)), float(dv.max(initial=0.0)))
     q_max, qd_max = float(dq.max(initial=least_q)), float(dv.max(initial=least_v))
@@ -235,8 +251,8 @@ def estimate_error(
         dv, recorder.array("qd"), first.options
     )
     time = float(recorder.array("time")[int(np.argmax(lost))])
-    q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
-    errors = MotionErrors(
+    q_end, qd_end, _ = courses.system.split(courses.at_end(floor)[0])
+    return MotionErrors(
         method=f"difference from a second integration with {second.how}",
         q_max=q_max,
         qd_max=qd_max,
@@ -248,8 +264,6 @@ def estimate_error(
         at_rounding=at_rounding,
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
-    observed = _observed(recorder, second) if figures or recorder.observer.figures else None
-    return Estimate(errors, observed, facts if second.facts else (), factor, second.watchers, second.end)
 
 
 def _is_lost(error: Array, x: Array, options: Options) -> Array:

@@ -69,7 +69,7 @@ def test_methods_agree_within_their_errors(lighter: float, gravity: Sequence[flo
     for method in results:
         for name, own, other in zip(("q", "qd"), errors(results[method]), errors(first)):
             away = np.abs(results[method][name] - first[name]).max()
-            assert away < own + other < 1e-3
+            assert away < own + other < 1e-2
 
 
 def test_rounding_is_measured_as_on_the_graph() -> None:

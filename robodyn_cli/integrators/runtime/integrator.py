@@ -114,11 +114,6 @@ class Integrator:
         return self.w[DoubleSlot.T]
 
     @property
-    def rounded(self) -> float:
-        """What rounding of the equations has made of rates, at most [rad/s, m/s]; 0 where it is as usual."""
-        return self.w[DoubleSlot.ROUNDED]
-
-    @property
     def state(self) -> Array:
         return self.y.copy()
 
