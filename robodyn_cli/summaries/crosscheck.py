@@ -21,14 +21,21 @@ class ComparedQuantity:
     our_error: float = fact("error of the answer here", OF_QUANTITY)
     their_error: float = fact("error of the other answer", OF_QUANTITY)
     allowed: float = fact("difference that is allowed: ten times both errors together", OF_QUANTITY)
-    agrees: bool = fact("whether the difference is allowed")
+    size: float = fact(
+        "of the answer here: the largest torque, or how far the motion goes from its start", OF_QUANTITY
+    )
+    agrees: bool | None = fact(
+        "whether the difference is allowed; `null` where that proves nothing, as more is allowed than `size`"
+    )
 
 
 @record
 class CrosscheckReport:
     """What ``crosscheck`` found."""
 
-    status: str = fact("`ok` or `differs`")
+    status: str = fact(
+        "`ok`, `differs`, or `open` where the errors are too large for a comparison to prove anything"
+    )
     title: str = fact("title of the scene")
     command: str = fact("what was compared: `inverse` or `simulate`")
     engine: str = fact("the other engine")
@@ -45,7 +52,7 @@ class CrosscheckReport:
 
     @property
     def agrees(self) -> bool:
-        """Whether all differences are allowed."""
+        """Whether all differences are allowed, and that proves something."""
         return self.status == "ok"
 
 

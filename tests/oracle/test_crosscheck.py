@@ -193,6 +193,52 @@ def test_a_wrong_mass_is_found(
     assert "DIFFER" in capsys.readouterr().out
 
 
+FLIPPING = """schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 0, 1]}, {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}]
+  links: [{name: l1, mass: 1, com: [1, 0, 0], inertia: {zz: 0.1}}, {name: l2, mass: 1, com: [1, 0, 0], inertia: {zz: 0.1}}]
+initial: {q: {a: 1.5, b: 0.5}}
+simulate: {duration: %g, samples: 101}
+"""
+
+
+def test_errors_larger_than_the_motion_prove_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A double pendulum that turns over is known for a while alone; behind it any other one would agree as well."""
+    pytest.importorskip("pinocchio")
+    path = tmp_path / "flipping.yaml"
+    path.write_text(FLIPPING % 3.0)
+    assert run(["crosscheck", str(path), "--with", "pinocchio", "--json"]) == 0
+    assert all(one["agrees"] for one in json.loads(capsys.readouterr().out)["compared"])
+    path.write_text(FLIPPING % 60.0)
+    assert run(["crosscheck", str(path), "--with", "pinocchio", "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "open"
+    for one in found["compared"]:
+        assert one["agrees"] is None and one["difference"] <= one["allowed"] > one["size"] > 1.0
+    assert run(["crosscheck", str(path), "--with", "pinocchio"]) == 1
+    assert "q proves nothing" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["simulate", "inverse"])
+def test_answers_that_stay_at_zero_agree(command: str) -> None:
+    """They have no size, but that the other ones stay there too tells something."""
+    pytest.importorskip("pinocchio")
+    text = (FLIPPING % 1.0).replace("-9.81", "0").replace("1.5", "0").replace("0.5}", "0}")
+    text += "trajectory: {type: joint, duration: 1, q: {a: 0, b: 0}}\n"
+    found = crosscheck(load_scene_text(text), "pinocchio", command)
+    assert found.status == "ok" and all(one.size == 0.0 for one in found.compared)
+
+
+def test_motions_that_begin_beside_a_singular_pose_are_not_compared() -> None:
+    path = CONFIGS / "benchmarks/four_bar_n2.yaml"
+    sparse = load_scene(path, ["simulate.duration=2", "simulate.samples=3"])
+    with pytest.raises(CapabilityError, match="before its second sample"):
+        crosscheck(sparse, ENGINES[0])
+
+
 def test_what_cannot_be_asked_is_listed() -> None:
     stop = "limits: {upper: 1, stop: {restitution: 0.5}}, "
     text = chain(["revolute", "revolute"]).replace("axis: [0.2, 1, 0.3], ", f"axis: [0.2, 1, 0.3], {stop}", 1)

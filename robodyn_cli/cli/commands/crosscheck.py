@@ -28,6 +28,13 @@ EXAMPLES = (
 )
 
 
+VERDICTS = {
+    "ok": "the answers agree within their errors",
+    "differs": "the answers DIFFER beyond their errors",
+    "open": "the errors are TOO LARGE to prove anything",
+}
+
+
 def command(
     scene: SceneFile,
     engine: Annotated[
@@ -79,7 +86,7 @@ def command(
     *,
     shared: SharedOptions,
 ) -> int:
-    """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
+    """Compare a scene with another engine; return the exit code, 1 where they differ or that proves nothing."""
     from robodyn_cli.over.crosscheck.crosscheck import compared_command, crosscheck, refuse_choice
     from robodyn_cli.results.result import Result
     from robodyn_cli.results.summary import as_keys, jsonable
@@ -147,11 +154,16 @@ def describe(report: CrosscheckReport) -> str:
                 f"{one.theirs:.12g}", error_text(one.our_error), error_text(one.their_error),
             ]
         )  # fmt: skip
-    verdict = "agree within their errors" if report.agrees else "DIFFER beyond their errors"
     lines = [
-        f"{report.title}: {report.command} here and in {report.engine} {report.version}: the answers {verdict}",
+        f"{report.title}: {report.command} here and in {report.engine} {report.version}: {VERDICTS[report.status]}",
         table(rows),
     ]
+    for one in report.compared:
+        if one.agrees is None:
+            lines.append(
+                f"  {one.quantity} proves nothing: differences up to {one.allowed:.2g} are allowed, and the answer "
+                f"here is of size {one.size:.2g}"
+            )
     if isinstance(report.compared_until, float):
         lines.append(
             f"  compared until             t = {report.compared_until:.6g} s: behind it the motion passes a singular "

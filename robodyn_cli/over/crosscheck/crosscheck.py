@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,9 @@ from robodyn_cli.works.simulate import simulate
 ENGINES = ("pinocchio", "mujoco")
 MARGIN = 10.0  # times the two errors together by which answers may differ
 FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
-Compared = tuple[list[ComparedQuantity], float | Absent]  # and the last sample, if not all are compared
+SMALL = 1e-9  # rad, m, their rates, N m or N: to allow no more tells something of answers of any size
 RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
+Compared = tuple[list[ComparedQuantity], float | Absent]  # and the last sample, if not all are compared
 
 
 def crosscheck(
@@ -49,7 +50,7 @@ def crosscheck(
     other = _engine(engine)(translated.model)
     compared, until = compare(translated, other, progress)
     return CrosscheckReport(
-        status="ok" if all(one.agrees for one in compared) else "differs",
+        status=_status([one.agrees for one in compared]),
         title=scene.title or "scene",
         command=command,
         engine=other.name,
@@ -59,6 +60,12 @@ def crosscheck(
         by_own_formulas=list(translated.own),
         compared_until=until,
     )
+
+
+def _status(agree: Sequence[bool | None]) -> str:
+    if False in agree:
+        return "differs"
+    return "open" if None in agree else "ok"
 
 
 def refuse_choice(engine: str, own: bool, command: str) -> None:
@@ -129,20 +136,26 @@ def _torques(translated: Translation, other: PeerEngine, progress: Progress) -> 
             "the torques have no error estimate, so there is nothing to compare a difference with"
         )
     names = translated.model.v_names
-    return [_compare("tau", names, (result["tau"], theirs), t, (float(own), apart))], ABSENT
+    size = float(np.abs(result["tau"]).max(initial=0.0))
+    return [_compare("tau", names, (result["tau"], theirs), t, (float(own), apart), size)], ABSENT
 
 
 def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> Compared:
     """Compare the motion at the samples, before it passes a singular pose, where it may go on in more than one way.
 
     The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
-    difference of the two.
+    difference of the two. Both begin at the same state, so the size of the motion is how far it goes from there.
     """
     scene = translated.scene
     result = simulate(scene)
     ours, t = np.column_stack([result["q"], result["qd"]]), result["time"].ravel()
     passed = result.summary.get("passed") or [np.inf]
     same = t < passed[0]
+    if same.sum() < 2:
+        raise CapabilityError(
+            f"the motion passes a singular pose at t = {passed[0]:.6g} s, before its second sample: there is "
+            "nothing to compare"
+        )
     ours, t, until = ours[same], t[same], ABSENT if same.all() else float(t[same][-1])
     fine, coarse = (_integrated(translated, other, t, ours[0], rtol, progress) for rtol in RTOL)
     nq, estimate = translated.model.nq, result.summary["error_estimate"] or {}
@@ -158,7 +171,8 @@ def _motion(translated: Translation, other: PeerEngine, progress: Progress) -> C
             )
         apart = float(np.abs(fine[:, columns] - coarse[:, columns]).max())
         pair = ours[:, columns], fine[:, columns]
-        compared.append(_compare(quantity, names, pair, t, (float(own), apart)))
+        size = float(np.abs(pair[0] - pair[0][0]).max())
+        compared.append(_compare(quantity, names, pair, t, (float(own), apart), size))
     return compared, until
 
 
@@ -171,7 +185,6 @@ def _integrated(
     model, rest = translated.model, translated.rest
     closed = (closures_of(model), translated.couplers, rank_tolerance(rest, start[: model.nq], times[0]))
     handed = translated.evaluator(smooth=True)
-
     manifold, reached = Manifold(model), float(times[0])
 
     def rate(t: float, x: Array) -> Array:
@@ -214,14 +227,20 @@ def _compare(
     answers: tuple[Array, Array],
     times: Array,
     errors: tuple[float, float],
+    size: float,
 ) -> ComparedQuantity:
+    """Return where answers (T, n) differ most, and whether that is allowed.
+
+    size : of our answer; where more is allowed, an engine in which nothing moves or acts would agree too.
+    """
     ours, theirs = answers
     gap = np.abs(ours - theirs)
     row, column = np.unravel_index(int(np.argmax(gap)), gap.shape)
     allowed = MARGIN * sum(errors) + FLOOR * float(np.abs(ours).max(initial=0.0))
+    agrees = bool(gap[row, column] <= allowed)
     return ComparedQuantity(
         quantity, names[column], float(times[row]), float(ours[row, column]), float(theirs[row, column]),
-        float(gap[row, column]), *errors, allowed, bool(gap[row, column] <= allowed),
+        float(gap[row, column]), *errors, allowed, size, None if agrees and allowed >= max(size, SMALL) else agrees,
     )  # fmt: skip
 
 

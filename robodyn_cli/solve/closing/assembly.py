@@ -9,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import CLOSED, ClosureEquations, Numbers
 from robodyn_cli.solve.independent_rows import generic_psi, independent_rows
@@ -62,9 +63,7 @@ def assemble(
     v = np.zeros(model.nv)
     for name, value in rates.items():
         v[rate_place[name]] = value
-    q = np.array(
-        [given.get(name, x) for name, x in zip(model.q_names, Manifold(model).neutral())], dtype=float
-    )
+    q = _begin(model, given)
     if not equations.constraint_rows:
         return Assembled(q, v, 0.0, 0.0, (), ())
     numbers = Numbers(equations, parameters)
@@ -94,21 +93,25 @@ def assemble(
 def closed_start(
     equations: ClosureEquations, given: dict[str, float], hold: Sequence[str] = ()
 ) -> tuple[Array, float]:
-    """Return the configuration (nq,) of ``assemble``, for which no rows are chosen, and the residual of its loops up to
-    which they count as closed.
+    """Return the configuration (nq,) of ``assemble`` without a choice of rows, and the residual up to which its loops
+    count as closed.
 
     Parameters, errors : as of ``assemble``.
     """
     model = equations.model
-    q = np.array(
-        [given.get(name, x) for name, x in zip(model.q_names, Manifold(model).neutral())], dtype=float
-    )
+    q = _begin(model, given)
     if not equations.constraint_rows:
         return q, CLOSED
     numbers = Numbers(equations, ())
     _, closure = _closed(numbers, q, given, hold)
     generic_psi(numbers, closure.q, closure.rank_tolerance)
     return closure.q, closure.tolerance
+
+
+def _begin(model: Model, given: dict[str, float]) -> Array:
+    """Return the configuration (nq,) that Newton's method begins at: given values, others neutral."""
+    neutral = zip(model.q_names, Manifold(model).neutral())
+    return np.array([given.get(name, x) for name, x in neutral], dtype=float)
 
 
 def _closed(
