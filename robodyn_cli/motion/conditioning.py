@@ -78,7 +78,7 @@ class Conditioning:
 
 
 def rounding_of_rates(system: System, x: Array) -> float:
-    """Return how far rounding of the equations puts the rates v-dot off [rad/s^2, m/s^2] as a motion begins.
+    """Return how far rounding of the equations puts accelerations off [rad/s^2, m/s^2] as a motion begins.
 
     Links of next to no mass between joints make that large: torques are rounded, and divided by their inertia. It is
     measured as on the way (``integrators/stepping/rounding.py``).
@@ -89,16 +89,18 @@ def rounding_of_rates(system: System, x: Array) -> float:
 
     Returns
     -------
-    float : of the rate that is put off most; 0 where that is no more than is usual, or rates are no expressions.
+    float : of the one that is put off most; 0 where that is no more than is usual, or they are no expressions.
     """
-    if system.dynamics.any_size or unknown_among(system.acceleration):
+    if system.dynamics.any_size or unknown_among(system.rates):
         return 0.0
+    rates = system.rates
+    accelerations = [rates[place - system.nq] for place in system.v_places]
     states = np.vstack([x, x + np.maximum(np.abs(x), 1.0) * last_digits(len(x))])
     p = system.parameters_at(0.0, system.split(x)[0])
     groups = {name: values.T for name, values in system.own_groups(np.zeros(1), states, p).items()}
     with np.errstate(all="ignore"):
-        rates = np.stack([np.zeros(len(states)) + y for y in [0.0, *evaluate(system.acceleration, groups)]])
-        off, largest = np.abs(rates[:, 1:] - rates[:, :1]).max(), np.abs(rates).max()
+        values = np.stack([np.zeros(len(states)) + y for y in [0.0, *evaluate(accelerations, groups)]])
+        off, largest = np.abs(values[:, 1:] - values[:, :1]).max(), np.abs(values).max()
     return float(off) if max(NOTABLE * largest, NEGLIGIBLE) < off < np.inf else 0.0
 
 

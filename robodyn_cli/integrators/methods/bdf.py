@@ -148,7 +148,7 @@ class BdfStepper(Stepper[Taken]):
         with f.strict():
             for c in w.each(w.size):
                 gap = f.load(f.offset(history, FIRST + c)) - w.state[c]
-                gap = gap / tolerance(w, f.abs(w.state[c]))
+                gap = gap / tolerance(w, c, f.abs(w.state[c]))
                 total.add_product(gap, gap)
         same = f.compare("olt", total.value, JUMP * JUMP)
         valid = f.compare("olt", self._head(ANEW), 0.5)
@@ -168,7 +168,7 @@ class BdfStepper(Stepper[Taken]):
             bend = Total(f)
             for c in w.each(w.size):
                 size = f.max(f.abs(w.state[c]), f.abs(h * self.d[c]) * 1e-3)
-                second = (self.rates[c] - self.d[c]) / (small * tolerance(w, size))
+                second = (self.rates[c] - self.d[c]) / (small * tolerance(w, c, size))
                 bend.add_product(second, second)
             curvature = f.sqrt(bend.value * (1.0 / n))
             h1 = f.min(h, CAUTION / f.sqrt(f.max(curvature, 1e-300)))
@@ -266,7 +266,7 @@ class BdfStepper(Stepper[Taken]):
                     change = self.changes[c]
                     self.d[c] = self.d[c] + change
                     size = f.max(f.abs(w.state[c]), f.abs(self.predicted[c] + self.d[c]))
-                    e = change / tolerance(w, size)
+                    e = change / tolerance(w, c, size)
                     square.add_product(e, e)
                 update = f.sqrt(square.value * (1.0 / n))
             judge(update)

@@ -276,14 +276,17 @@ class GaussStepper(GaussOutput):
         f, w = self.f, self.w
         rtol, atol = self._tolerances()
 
+        def allowed(c: Int | int, size: Value) -> Value:
+            own = f.muladd(size, rtol, atol)
+            return own if w.rounded is None else f.max(own, w.rounded[c])
+
         def weight(j: Int | int) -> Value:
             speed, gained = f.abs(w.state[w.nv + j]), h * size_of(j)
-            largest = f.select(f.compare("ogt", speed, gained), speed, gained)
-            return h / f.muladd(largest, rtol, atol)
+            return h / allowed(w.nv + j, f.select(f.compare("ogt", speed, gained), speed, gained))
 
         with f.strict():
             for j in w.each(w.nv):
-                one, other = weight(j), h * h / f.muladd(f.abs(w.state[j]), rtol, atol)
+                one, other = weight(j), h * h / allowed(j, f.abs(w.state[j]))
                 self.weight[j] = f.select(f.compare("ogt", other, one), other, one)
             for j in w.each(w.nz):
                 self.weight[w.nv + j] = weight(w.nv + j)

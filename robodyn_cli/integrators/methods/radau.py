@@ -120,7 +120,7 @@ class RadauStepper(Stepper[Array]):
                 Z = self.Z[c] + change
                 self.Z[c] = Z
                 size = f.max(f.abs(w.state[c]), f.reduce("maximum", f.abs(Z)))
-                d = change * f.splat(1.0 / tolerance(w, size), lanes)
+                d = change * f.splat(1.0 / tolerance(w, c, size), lanes)
                 square.add_product(d, d)
         with f.strict():
             return f.sqrt(f.reduce("add", square.value) * (1.0 / (lanes * w.system.size)))

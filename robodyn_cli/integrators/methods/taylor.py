@@ -89,7 +89,7 @@ class TaylorStepper(Stepper[Coefficients]):
         state = [w.state[k] for k in range(w.system.size)]
         self.coefficients = Jets(f, self.series, self._values(t), state, w.system.nv).up_to(order)
         with f.strict():
-            self.weights = [1.0 / tolerance(w, f.abs(w.state[c])) for c in self.integrated]
+            self.weights = [1.0 / tolerance(w, c, f.abs(w.state[c])) for c in self.integrated]
             last = [
                 (
                     rough_log2(

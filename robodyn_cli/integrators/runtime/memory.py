@@ -24,7 +24,7 @@ class DoubleSlot:
     H = 1  # step to try next
     T_END = 2
     RTOL = 3
-    ATOL = 4  # of the step that is tried; see ``stepping/jumps.py`` and ``stepping/rounding.py``
+    ATOL = 4  # of the step that is tried; see ``stepping/jumps.py``
     H_MAX = 5
     SAMPLE_START = 6  # sample k lies at SAMPLE_START + k * SAMPLE_STEP
     SAMPLE_STEP = 7
@@ -47,7 +47,7 @@ class DoubleSlot:
     FIRST = 24  # first steps as a part of the usual ones, see ``Options``
     GIVEN_ATOL = 25  # of the run
     CHECKED = 26  # the next checked step, while one is tried whatever its error; 0 where none is
-    ROUNDING = 27  # how far it puts rates off [rad/s^2, m/s^2], where that is measured
+    ROUNDING = 27  # how far it puts any acceleration off [rad/s^2, m/s^2], where that is measured
     ROUNDED = 28  # what it has made of rates since the run began [rad/s, m/s], at most
     SIZE = 29  # event function values follow, then what closings note
 

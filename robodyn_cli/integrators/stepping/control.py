@@ -157,10 +157,12 @@ def shorter(w: Writer, verdict: StepVerdict, h: Value) -> Value:
 
 
 # -- errors in units of the tolerance -----------------------------------------------------------------------
-def tolerance(w: Writer, size: Value) -> Value:
-    """Return the error that is allowed in a component of this size: atol + rtol size, and not below rounding."""
+def tolerance(w: Writer, c: Int | int, size: Value) -> Value:
+    """Return the error that is allowed in component c, of this size: atol + rtol size, and not below rounding."""
     f = w.f
     allowed = f.muladd(size, w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL))
+    if w.rounded is not None:
+        allowed = f.max(allowed, w.rounded[c])
     return f.max(allowed, f.muladd(size, ROUNDING, 1e-300))
 
 
@@ -173,7 +175,7 @@ def mean_squares(w: Writer, count: int, errors: Callable[[Int | int], Sequence[V
     with f.strict():
         totals = [Total(f, w.width) for _ in range(count)]
         for c in w.each(w.size):
-            scale = 1.0 / tolerance(w, f.max(f.abs(w.state[c]), f.abs(w.new[c])))
+            scale = 1.0 / tolerance(w, c, f.max(f.abs(w.state[c]), f.abs(w.new[c])))
             for total, error in zip(totals, errors(c)):
                 e = error * scale
                 total.add_product(e, e)

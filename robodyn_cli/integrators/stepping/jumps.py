@@ -45,9 +45,10 @@ class JumpSteps:
     def _is_short(self, t: Value, h: Value) -> Condition:
         return self.f.compare("ole", h, self.f.max(self.f.abs(t), 1.0) * LONGEST)
 
-    def tolerance(self, atol: Value) -> Value:
-        """Return the tolerance of the step to be tried: ``atol`` of one that is checked."""
-        return self.f.select(self._is_unchecked(), UNCHECKED, atol)
+    def begin(self) -> None:
+        """Set the tolerance of the step to be tried."""
+        atol = self.f.select(self._is_unchecked(), UNCHECKED, self.w.get(DoubleSlot.GIVEN_ATOL))
+        self.w.put(DoubleSlot.ATOL, atol)
 
     def check(self, t: Value, h: Value, verdict: StepVerdict) -> None:
         """Find out whether a step stays on a jump; one that is not checked counts only then."""

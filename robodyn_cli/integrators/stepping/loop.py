@@ -93,14 +93,13 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
 
                 update_when_due(w, w.system.updates, run)
             _write_samples(w, stepper, run)
+            if jumps is not None:
+                jumps.begin()
             if rounding is not None:
                 rounding.begin()
             step = _next_step(w, stepper, run)
-            if jumps is not None or rounding is not None:
-                atol = w.get(DoubleSlot.GIVEN_ATOL)
-                if rounding is not None:
-                    atol = rounding.tolerance(step.h, atol, stepper.above_rounding)
-                w.put(DoubleSlot.ATOL, atol if jumps is None else jumps.tolerance(atol))
+            if rounding is not None:
+                rounding.allow(step.h, stepper.above_rounding)
             with f.block() as failed:
                 attempt = stepper.attempt(step.t, step.h, failed)
                 verdict = judge(w, stepper.method.adaptive, stepper.control, step.h, attempt)

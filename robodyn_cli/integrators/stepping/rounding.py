@@ -15,8 +15,9 @@ from robodyn_cli.integrators.stepping.stepper import Method
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.ir import Int, Value
 
-DRAWS = 2  # evaluations beside that of the state itself
+DRAWS = 3  # evaluations beside that of the state itself
 EVERY = 4  # steps, a power of two: a step may be longer than the last one by a small factor only
+FADES = 0.1  # by what was measured before: few draws may happen to agree
 ROUNDING = 2.0**-52  # of a number, or of 1 rad and 1 m
 JUMP = 1e-4  # of the largest rate: more than that may be one of its jumps
 
@@ -27,12 +28,19 @@ def step_rounding(w: Writer, method: Method) -> StepRounding | None:
 
 
 class StepRounding:
-    """Writes the measurement of how far rounding puts rates off [rad/s^2, m/s^2], and what that makes of tolerances."""
+    """Writes the measurement of how far rounding puts accelerations off [rad/s^2, m/s^2], and which errors of the state
+    in a step do not count for it (``Writer.rounded``)."""
 
     def __init__(self, w: Writer, method: Method) -> None:
-        self.w, self.f, self.method = w, w.f, method
-        self.x, self.rates, self.moved = w.array(2, 1), w.array(1, 1), w.array(1, 1)
-        self.off, self.largest = w.f.slot(), w.f.slot()
+        self.w, self.f = w, w.f
+        self.velocities = [place - w.system.nq for place in w.system.v_places]  # among the rates
+        self.x, self.rates, self.moved, self.off = w.array(2, 1), *(w.array(1, 1) for _ in range(3))
+        self.known = w.f.int_slot()
+        w.f.store_int(0, self.known)
+        for k in self.velocities:
+            self.off[k] = w.f.constant(0.0)
+        # steps of implicit methods are far longer than fast modes, which forget what rounding did
+        w.rounded = None if method.needs_jacobian else w.array(2, 1)
         self.changes = w.f.table("rounding.changes", last_digits(8).T.ravel())
 
     def begin(self) -> None:
@@ -40,14 +48,26 @@ class StepRounding:
         f, w = self.f, self.w
         accepted = f.load_int(w.integer_at(IntegerSlot.ACCEPTED))
         due = f.compare_int("eq", accepted & (EVERY - 1), 0)
-        with f.when(due | w.rejected_before()):
+        unknown = f.compare_int("eq", f.load_int(self.known), 0)  # the run has only been taken up again
+        with f.when(due | unknown | w.rejected_before()):
             self._measure(w.get(DoubleSlot.T))
+            f.store_int(1, self.known)
 
-    def tolerance(self, h: Value, atol: Value, above: float) -> Value:
-        """Return the tolerance of a step of length h: ``atol``, and no less than rounding asks for."""
-        if self.method.needs_jacobian:
-            return atol  # steps are far longer than fast modes, which forget what rounding did
-        return self.f.max(atol, h * self.w.get(DoubleSlot.ROUNDING) * above)
+    def allow(self, h: Value, above: float) -> None:
+        """Set which errors do not count in a step of length h: so many times what rounding makes of velocities in it,
+        and what that makes of the rest."""
+        w = self.w
+        if w.rounded is None:
+            return
+        with self.f.strict():
+            velocity = h * above
+            position = h * velocity
+            for k in range(w.system.nq):
+                w.rounded[k] = position * self.off[k]
+            for k in range(w.system.nv + w.system.nz):
+                own = k in self.velocities
+                off = velocity * self.off[k] if own else position * w.get(DoubleSlot.ROUNDING)
+                w.rounded[w.system.nq + k] = off
 
     def commit(self, h: Value) -> None:
         """Add what rounding makes of rates in a step of length h."""
@@ -56,9 +76,9 @@ class StepRounding:
 
     def _measure(self, t: Value) -> None:
         f, w = self.f, self.w
-        f.store(0.0, self.off)
-        f.store(0.0, self.largest)
         w.dynamics(t, w.state, self.rates)
+        for k in self.velocities:
+            self.off[k] = self.off[k] * FADES
         for draw in range(DRAWS):
             with f.strict():
                 for c in w.each(w.size):
@@ -66,21 +86,18 @@ class StepRounding:
                     self.x[c] = f.muladd(f.max(f.abs(x), 1.0), self._change(c, draw), x)
             w.dynamics(t, self.x, self.moved)
             with f.strict():
-                for j in w.each(w.nv):
-                    rate = self.rates[j]
-                    self._enlarge(self.off, f.abs(self.moved[j] - rate))
-                    self._enlarge(self.largest, f.abs(rate))
+                for k in self.velocities:
+                    self.off[k] = f.max(self.off[k], f.abs(self.moved[k] - self.rates[k]))
         w.count(IntegerSlot.EVALUATIONS, 1 + DRAWS)
-        off = f.load(self.off)
         jumps = any(event.is_discontinuity for event in w.system.events)
-        known = f.compare("olt", off, f.load(self.largest) * (JUMP if jumps else 1.0))
+        with f.strict():
+            off, largest = f.constant(0.0), f.constant(0.0)
+            for k in self.velocities:
+                off, largest = f.max(off, self.off[k]), f.max(largest, f.abs(self.rates[k]))
+            known = f.compare("olt", off, largest * (JUMP if jumps else 1.0))
+            for k in self.velocities:
+                self.off[k] = f.select(known, self.off[k], 0.0)
         w.put(DoubleSlot.ROUNDING, f.select(known, off, 0.0))
-
-    def _enlarge(self, largest: str, x: Value) -> None:
-        """Let a slot hold the larger one of what it holds and x."""
-        f = self.f
-        so_far = f.load(largest)
-        f.store(f.select(f.compare("ogt", x, so_far), x, so_far), largest)
 
     def _change(self, c: Int | int, draw: int) -> Value:
         """Return by how much rounding changes component c, in a draw."""
@@ -90,6 +107,6 @@ class StepRounding:
 def last_digits(count: int) -> np.ndarray:
     """Return by how much rounding puts so many components off (draw, count), as a part of them or of 1 rad and 1 m.
 
-    Neighbours are not alike in all draws.
+    No two of eight neighbours are alike in all draws.
     """
     return np.array([[ROUNDING * (-1.0) ** (c >> draw) for c in range(count)] for draw in range(DRAWS)])

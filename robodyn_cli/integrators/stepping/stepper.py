@@ -141,7 +141,7 @@ class Stepper(Generic[Kept]):
     """
 
     control: StepController = FIXED
-    above_rounding = 40.0
+    above_rounding = 200.0
     knows_end = False  # whether an attempt leaves what the next step begins with
 
     def __init__(self, method: Method, w: Writer) -> None:
