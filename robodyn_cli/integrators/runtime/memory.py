@@ -49,7 +49,8 @@ class DoubleSlot:
     CHECKED = 26  # the next checked step, while one is tried whatever its error; 0 where none is
     ROUNDING = 27  # how far it puts any acceleration off [rad/s^2, m/s^2], where that is measured
     ROUNDED = 28  # what it has made of rates since the run began [rad/s, m/s], at most
-    SIZE = 29  # event function values follow, then what closings note
+    LARGEST = 29  # acceleration since the run began [rad/s^2, m/s^2], where rounding is measured
+    SIZE = 30  # event function values follow, then what closings note
 
 
 class IntegerSlot:

@@ -19,7 +19,7 @@ DRAWS = 3  # evaluations beside that of the state itself
 EVERY = 4  # steps, a power of two: a step may be longer than the last one by a small factor only
 FADES = 0.1  # by what was measured before: few draws may happen to agree
 ROUNDING = 2.0**-52  # of a number, or of 1 rad and 1 m
-JUMP = 1e-4  # of the largest rate: more than that may be one of its jumps
+JUMP = 1e-4  # of the largest acceleration so far: more than that may be one of its jumps
 
 
 def step_rounding(w: Writer, method: Method) -> StepRounding | None:
@@ -91,12 +91,13 @@ class StepRounding:
         w.count(IntegerSlot.EVALUATIONS, 1 + DRAWS)
         jumps = any(event.is_discontinuity for event in w.system.events)
         with f.strict():
-            off, largest = f.constant(0.0), f.constant(0.0)
+            off, largest = f.constant(0.0), w.get(DoubleSlot.LARGEST)
             for k in self.velocities:
                 off, largest = f.max(off, self.off[k]), f.max(largest, f.abs(self.rates[k]))
             known = f.compare("olt", off, largest * (JUMP if jumps else 1.0))
             for k in self.velocities:
                 self.off[k] = f.select(known, self.off[k], 0.0)
+        w.put(DoubleSlot.LARGEST, largest)
         w.put(DoubleSlot.ROUNDING, f.select(known, off, 0.0))
 
     def _change(self, c: Int | int, draw: int) -> Value:
