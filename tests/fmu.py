@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from robodyn_cli.over.c99.keys import asked_key
+from robodyn_cli.over.c99.asked_keys import asked_key
 from robodyn_cli.over.fmu.export import export_fmu
 from robodyn_cli.scene.load import Family
 from tests.exported_c import COMPILER
@@ -42,7 +42,8 @@ class ExportedUnit:
         flags: Sequence[str] = (),
     ) -> None:
         self.path = folder / "own.fmu"
-        asked = [[asked_key(text) for text in given] for given in (keys, inputs)]
+        given = {"--key": keys, "--input": inputs}
+        asked = [[asked_key(text, option) for text in texts] for option, texts in given.items()]
         self.notes = export_fmu(family, self.path, *asked, flags=[*PLAIN, *flags])
         assert all(note.startswith("not a key of the loop") for note in self.notes), self.notes
         with zipfile.ZipFile(self.path) as unit:

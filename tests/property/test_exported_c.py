@@ -12,8 +12,8 @@ import pytest
 from robodyn_cli import Mechanism, load_scene_text
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.over.c99.asked_keys import AskedKey
 from robodyn_cli.over.c99.folder import export_c
-from robodyn_cli.over.c99.keys import AskedKey
 from robodyn_cli.scene.load import Family
 from tests.exported_c import ExportedC, needs_compiler, self_test
 from tests.random_models import random_inertia

@@ -157,6 +157,12 @@ def test_a_lock_ends_the_simulation_at_its_time(tmp_path: Path) -> None:
 
 
 @needs_compiler
+def test_inputs_keep_to_what_the_scene_allows(tmp_path: Path) -> None:
+    unit = ExportedUnit(family_of(PENDULUM), tmp_path, [], ["robot.links.link1.mass"])
+    with pytest.raises(RuntimeError, match="link1.mass: a value is outside its range"):
+        unit.run(0.1, 4, ["@robot.links.link1.mass=-1"])
+
+
 def test_inputs_change_between_steps(tmp_path: Path) -> None:
     """A torque of zero that other tools set at 1 s: the motion of a torque that depends on time."""
     family = family_of(PENDULUM, ["torques.theta1=0.0", "simulate.duration=2"])
@@ -224,6 +230,8 @@ REFUSED: dict[tuple[str, ...], str] = {
     ): "control.reference: a range; allowed: no range",
     (PENDULUM, "--input", "gravity.1=1:2"): "--input gravity.1: the scene's own value",
     (PENDULUM, "--input", "gravity.1=2:1"): "--input gravity.1=2:1: allowed",
+    (PENDULUM, "--input", "robot.links.link1.mass=-1:20"): "--input robot.links.link1.mass: is too small",
+    (PENDULUM, "--key", "robot.links.link1.mass=-1:20"): "--key robot.links.link1.mass: is too small",
     (PENDULUM, "--input", "simulate.duration"): "simulate.duration",
 }
 

@@ -11,8 +11,8 @@ import pytest
 
 from robodyn_cli import load_scene, simulate
 from robodyn_cli.errors import RobodynError
+from robodyn_cli.over.c99.asked_keys import asked_key
 from robodyn_cli.over.c99.folder import export_c
-from robodyn_cli.over.c99.keys import asked_key
 from robodyn_cli.over.fmu.export import export_fmu
 from robodyn_cli.over.live.judging import Judging
 from robodyn_cli.over.live.pages import live_parts

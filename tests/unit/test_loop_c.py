@@ -14,7 +14,7 @@ from robodyn_cli.cli.app import run
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.as_c.words import text_beside, used_functions
 from robodyn_cli.kernels.as_c.writer import write_c99
-from robodyn_cli.over.c99.keys import asked_key
+from robodyn_cli.over.c99.asked_keys import asked_key
 from robodyn_cli.over.fmu.export import fmu_structure
 from robodyn_cli.over.live.code import behind_python
 from robodyn_cli.over.live.rules import Tape

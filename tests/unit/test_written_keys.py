@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.over.c99.keys import asked_key, parametrised
+from robodyn_cli.over.c99.asked_keys import asked_key
+from robodyn_cli.over.c99.keys import parametrised
 from robodyn_cli.over.many.keys import NUMBER, OPTION, START, understand
 from robodyn_cli.over.sensitivity.asked import prepare
 from robodyn_cli.over.sensitivity.report import exact_slopes

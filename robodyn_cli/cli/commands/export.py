@@ -163,8 +163,8 @@ def _functions(
     CapabilityError : a result has none. Others of what reads and writes them.
     """
     from robodyn_cli.errors import CapabilityError
+    from robodyn_cli.over.c99.asked_keys import asked_key
     from robodyn_cli.over.c99.folder import export_c
-    from robodyn_cli.over.c99.keys import asked_key
 
     if _is_stored(source):
         raise CapabilityError(f"{source} is a result, which has no functions; allowed with --c: a scene")
@@ -184,7 +184,7 @@ def _unit(
     CapabilityError : a result has none. Others of what reads and writes them.
     """
     from robodyn_cli.errors import CapabilityError
-    from robodyn_cli.over.c99.keys import asked_key
+    from robodyn_cli.over.c99.asked_keys import asked_key
     from robodyn_cli.over.fmu.export import export_fmu
 
     if _is_stored(source):

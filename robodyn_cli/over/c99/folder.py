@@ -11,8 +11,9 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.kernels.c99 import comment, literal, wrapped
+from robodyn_cli.over.c99.asked_keys import AskedKey, is_start
 from robodyn_cli.over.c99.functions import CFunction
-from robodyn_cli.over.c99.keys import AskedKey, is_start, parametrised
+from robodyn_cli.over.c99.keys import parametrised
 from robodyn_cli.over.c99.objects import LibraryObject, objects_of, objects_readme
 from robodyn_cli.over.c99.samples import (
     ALLOWED,

@@ -9,19 +9,19 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, listed, of_option
+from robodyn_cli.errors import CapabilityError, RobodynError, listed, of_option
 from robodyn_cli.expr.fixed import Witness, places, witnessed
 from robodyn_cli.expr.many import Decision, ManyNumbers, Recipe
-from robodyn_cli.expr.statements import quantities
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.places import numbers_at_places, with_free
+from robodyn_cli.over.c99.asked_keys import AskedKey, refuse_bounds
 from robodyn_cli.over.c99.functions import ModelFunctionsOfScene, functions_of, ready
 from robodyn_cli.over.many.keys import (
     NO_VALUE,
+    NUMBER,
     OPTION,
     START,
     Key,
-    setting,
     settings,
     understand,
     value_of,
@@ -84,53 +84,6 @@ class Parametrised:
         return np.array([key.value for key in self.keys])
 
 
-SPAN = "KEY, or KEY=LOW:HIGH with two numbers, LOW < HIGH"
-
-
-@record
-class AskedKey:
-    """A key that was asked for, with the bounds of its values in SI units, if any; unit : SI unit of those written with
-    one."""
-
-    name: str
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
-
-    def times(self, scale: float) -> AskedKey:
-        """Return it with bounds that are so many times as large."""
-        if self.low is None or self.high is None:
-            return self
-        low, high = sorted((scale * self.low, scale * self.high))
-        return AskedKey(self.name, low, high, self.unit)
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The bounds, infinite where there are none."""
-        return (-math.inf if self.low is None else self.low), (math.inf if self.high is None else self.high)
-
-
-def asked_key(text: str, option: str = "--key") -> AskedKey:
-    """Return what ``KEY`` or ``KEY=LOW:HIGH`` of an option asks for.
-
-    Raises
-    ------
-    CapabilityError : it is neither.
-    """
-    name, sign, span = text.partition("=")
-    if not sign:
-        return AskedKey(name)
-    try:
-        (low, high), unit = quantities(span.split(":"), span, f"allowed: {SPAN}")
-    except ValueError:  # not two
-        low, high, unit = math.nan, math.nan, ""
-    except SceneError as error:
-        raise CapabilityError(f"{option} {name}={error.message}") from error
-    if not low < high:
-        raise of_option(f"{option} {text}", f"allowed: {SPAN}", CapabilityError)
-    return AskedKey(name, low, high, unit)
-
-
 class _Build:
     """The functions of a scene, with all comparisons of its numbers that were made while they were built.
 
@@ -166,7 +119,7 @@ def parametrised(family: Family, asked: Sequence[AskedKey], simulated: bool = Fa
     for one, key in zip(asked, understood):
         if key.place not in depends and not simulated:
             raise of_option(
-                f"--key {one.name}",
+                one.asked,
                 f"no function depends on it as a number; allowed: {listed(depends) or 'none'}",
                 CapabilityError,
             )
@@ -197,30 +150,36 @@ def key_bounds(family: Family, asked: Sequence[AskedKey]) -> dict[str, tuple[flo
     for one in asked:
         value = value_of(family, one.name)
         if value is None:
-            raise of_option(f"--key {one.name}", NO_VALUE, CapabilityError)
+            raise of_option(one.asked, NO_VALUE, CapabilityError)
         key = _described(family, one.name, value, one)
         bounds[one.name] = key.low, key.high
     return bounds
 
 
-def is_start(family: Family, one: AskedKey) -> bool:
-    """Tell whether a key is where motions start."""
-    return understand(family, one.name, f"--key {one.name}").sort == START
+def input_bounds(family: Family, inputs: Sequence[AskedKey]) -> dict[str, tuple[float, float]]:
+    """Return the bounds of those inputs that are numbers of the equations, as of ``key_bounds``.
+
+    Raises
+    ------
+    CapabilityError : as of ``key_bounds``. SceneError : the scene does not allow a bound.
+    """
+    numbers = [one for one in inputs if understand(family, one.name, one.asked).sort == NUMBER]
+    for one in numbers:
+        refuse_bounds(family, one)
+    return key_bounds(family, numbers)
 
 
 def _number(family: Family, one: AskedKey) -> Key:
-    key = understand(family, one.name, f"--key {one.name}")
+    key = understand(family, one.name, one.asked)
     if key.sort in (START, OPTION):
         raise of_option(
-            f"--key {one.name}",
+            one.asked,
             f"it is {'the start' if key.sort == START else 'an option'} of a simulation; functions "
             "take q and qd as arguments; allowed: numbers of the equations",
             CapabilityError,
             key=one.name,
         )
-    for bound in (one.low, one.high):
-        if bound is not None:
-            family.scene([f"{one.name}={bound!r} {one.unit}" if one.unit else setting(one.name, bound)])
+    refuse_bounds(family, one)
     return key
 
 
@@ -255,7 +214,7 @@ def _described(family: Family, name: str, value: float, asked: AskedKey | None) 
         low, high = max(low, asked.low), min(high, asked.high)
     if not low <= value <= high:
         raise of_option(
-            f"--key {name}",
+            f"--key {name}" if asked is None else asked.asked,
             f"the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}",
             CapabilityError,
         )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 
-from robodyn_cli.over.c99.keys import AskedKey, Parametrised, is_start, key_bounds
+from robodyn_cli.over.c99.asked_keys import AskedKey, is_start
+from robodyn_cli.over.c99.keys import Parametrised, key_bounds
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 

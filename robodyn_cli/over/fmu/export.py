@@ -18,7 +18,8 @@ from pathlib import Path
 from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.foreign import opened
 from robodyn_cli.kernels.as_c.words import text_beside
-from robodyn_cli.over.c99.keys import AskedKey, is_start, key_bounds, parametrised
+from robodyn_cli.over.c99.asked_keys import AskedKey, is_start
+from robodyn_cli.over.c99.keys import input_bounds, key_bounds, parametrised
 from robodyn_cli.over.c99.source import library_name
 from robodyn_cli.over.fmu.description import UnitDescription
 from robodyn_cli.over.fmu.set_points import with_set_points
@@ -78,7 +79,7 @@ def fmu_structure(
     if points is not None:
         family, inputs = points.family, [*inputs, *points.keys]
     names = [one.name for one in inputs]
-    ranges = {one.name: one.ends for one in (*asked, *inputs)}
+    ranges = {one.name: one.ends for one in (*asked, *inputs)} | input_bounds(family, inputs)
     if asked:
         numbers = [one for one in asked if not is_start(family, one)]
         held = parametrised(family, numbers, simulated=True).keys if numbers else ()

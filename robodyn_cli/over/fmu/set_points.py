@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, of_option
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.over.c99.asked_keys import AskedKey
 from robodyn_cli.over.c99.functions import ready
-from robodyn_cli.over.c99.keys import AskedKey
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 
@@ -34,7 +34,7 @@ class SetPoints:
 
     @property
     def keys(self) -> list[AskedKey]:
-        return [AskedKey(key) for key in (*self.names, self.time)]
+        return [AskedKey(key, option="--input") for key in (*self.names, self.time)]
 
 
 def with_set_points(family: Family, inputs: Sequence[AskedKey]) -> tuple[SetPoints | None, list[AskedKey]]:
