@@ -25,7 +25,7 @@ from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients, slopes_along
 from robodyn_cli.over.sensitivity.led import velocity_map
-from robodyn_cli.over.sensitivity.motion.ends import Closing, given_slopes
+from robodyn_cli.over.sensitivity.motion.start import Closing, given_slopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import rank_tolerances

@@ -44,6 +44,7 @@ from robodyn_cli.spatial.algebra import Array
 
 # part of the time by which samples stay on their own side of a switch; S changes by about as little over it
 BESIDE = 1e-10
+SIDE = 10.0  # times as far as integrations come to a switch apart, by which samples stay on their own side at least
 SHORTEST = 1e-3  # part of the way between switches: a shorter step is no part of its own
 
 
@@ -53,7 +54,7 @@ class Switch:
 
     of_state : whether the motion comes to the switch, or the clock. update : number and phase of the update of a
     sampled controller at that time, None where there is none. behind : parameters p behind the closing of a latch, None
-    where none closes.
+    where none closes. apart : how far from each other two integrations come to it [s].
     """
 
     time: float
@@ -61,6 +62,7 @@ class Switch:
     of_state: bool
     update: tuple[int, int] | None = None
     behind: Array | None = None
+    apart: float = 0.0
 
 
 @record
@@ -96,17 +98,19 @@ def refuse(motion: Motion) -> None:
         raise CapabilityError("encoders round what the controller sees")
 
 
-def switches_of(motion: Motion, end: float) -> list[Switch]:
-    """Return the switches of a motion before ``end`` [s], in order.
+def switches_of(motion: Motion, end: float, tighter: Options) -> list[Switch]:
+    """Return the switches of a motion before ``end`` [s], in order. tighter : options of a second integration.
 
     Raises
     ------
-    CapabilityError : the motion leaps over a singular pose.
+    CapabilityError : the motion leaps over a singular pose, or the second integration meets other switches.
     """
     switching, t = motion.problem.switching, motion.problem.t
     of_time = tuple(g for _, g in switching.switches if is_of_time(g, t)) if motion.system.breakpoints else ()
     by_time = [Switch(time, of_time, False) for time in motion.system.breakpoints if 0.0 < time < end]
-    by_time = sorted([*by_time, *_met(motion, end), *_updates(motion, end)], key=lambda switch: switch.time)
+    by_time = sorted(
+        [*by_time, *_apart(motion, end, tighter), *_updates(motion, end)], key=lambda switch: switch.time
+    )
     return _together(by_time, 4.0 * BESIDE * end)
 
 
@@ -138,7 +142,18 @@ def _together(switches: Sequence[Switch], near: float) -> list[Switch]:
     return merged
 
 
-def _met(motion: Motion, end: float) -> list[Switch]:
+def _apart(motion: Motion, end: float, tighter: Options) -> list[Switch]:
+    """Return the switches that depend on the state, and how far from them another integration comes to them."""
+    first = _met(motion, motion.options, end)
+    if not first:
+        return []
+    second = _met(motion, tighter, end)[: len(first)]  # it may come to one at the end a little earlier
+    if [one.functions for one in first] != [two.functions for two in second]:
+        raise CapabilityError("the motion only touches a switch")
+    return [dataclasses.replace(two, apart=abs(two.time - one.time)) for one, two in zip(first, second)]
+
+
+def _met(motion: Motion, options: Options, end: float) -> list[Switch]:
     """Return the switches that depend on the state, by integrating the motion."""
     system, watchers = watched_again(motion)
     if all(e.kind is EventKind.REPARTITION for e in system.events):
@@ -151,7 +166,7 @@ def _met(motion: Motion, end: float) -> list[Switch]:
         return function.owner if own else noting.get(id(function.owner))
 
     driver = Driver(
-        system.watched_by(owner_of), motion.choice.method, motion.options, watchers,
+        system.watched_by(owner_of), motion.choice.method, options, watchers,
         supervisor_for(motion.choice),
     )  # fmt: skip
     driver.met = []
@@ -252,13 +267,16 @@ def _samples(driver: Driver, grid: Grid, watch: bool) -> Array:
 
 
 def parts_of(
-    end: float, switches: Sequence[Switch], steps: Sequence[float]
+    end: float, switches: Sequence[Switch], steps: Sequence[float], side: float
 ) -> list[tuple[float, float, bool]]:
-    """Return the smooth parts of a motion, as ``follow`` takes them: steps, ending a little beside the switches."""
-    beside = BESIDE * end
+    """Return the smooth parts of a motion, as ``follow`` takes them: steps, ending a little beside the switches.
+
+    side : how far, times what two integrations come to the switch apart.
+    """
     parts: list[tuple[float, float, bool]] = []
     begin, switched = 0.0, False
     for k in range(len(switches) + 1):
+        beside = max(BESIDE * end, side * switches[k].apart) if k < len(switches) else 0.0
         stop = switches[k].time - beside if k < len(switches) else end
         if stop <= begin:
             raise CapabilityError("switches follow one another at once")

@@ -1,25 +1,25 @@
-"""How the state of a motion at t = 0, and what it ends with, change with keys."""
+"""How what a motion ends with changes with keys."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.closings import closing_alone
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.error import First, first_attempt
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.many.keys import OPTION, START, Key
+from robodyn_cli.over.many.keys import OPTION, Key
 from robodyn_cli.over.sensitivity.motion.constrained import ConstraintSlopes
 from robodyn_cli.over.sensitivity.motion.course import (
     BESIDE,
+    SIDE,
     Switch,
     Updated,
     follow,
@@ -29,6 +29,7 @@ from robodyn_cli.over.sensitivity.motion.course import (
     step_times,
     switches_of,
 )
+from robodyn_cli.over.sensitivity.motion.start import start_slopes
 from robodyn_cli.over.sensitivity.motion.variational import (
     EndSlopes,
     Linearised,
@@ -39,127 +40,8 @@ from robodyn_cli.over.sensitivity.motion.variational import (
     nodes_of,
     transfers,
 )
-from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import rank
-from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.led import position_columns, velocity_columns
-
-STAYED = 1e-9  # of a given value: farther, the assembly has moved it to close the loops
-CLOSES = 1e-8  # of the change of the constraints that a change of the state must take up
-
-
-def start_slopes(motion: Motion, variational: Variational, keys: Sequence[Key]) -> Array:
-    """Return dx/dk (nx, K) at t = 0, in the variational system's coordinates.
-
-    Raises
-    ------
-    CapabilityError : the start does not depend smoothly on the keys, or the way that closes the loops decides about it.
-    """
-    model, system = motion.problem.model, variational.system
-    given_q, given_v = (given_slopes(names, group, keys)
-                        for names, group in ((model.q_names, "q"), (model.v_names, "qd")))  # fmt: skip
-    if motion.problem.constraints.rows:
-        if system.layout is not None:
-            raise CapabilityError("loops of joints with quaternions are closed by differences")
-        return _closed(motion, variational, given_q, given_v)
-    S = np.zeros((system.size, len(keys)))
-    S[list(system.q_places)], S[list(system.v_places)] = given_q, given_v
-    if system.layout is not None and np.any(given_q):
-        raise CapabilityError("positions of joints with quaternions are made of unit length")
-    return S
-
-
-def _closed(motion: Motion, variational: Variational, given_q: Array, given_v: Array) -> Array:
-    """Return dx/dk (nx, K) at a start with closed loops."""
-    problem, start, system = motion.problem, motion.assembled, variational.system
-    closing = Closing(problem, start.q, start.v)
-    x = system.join(start.q, start.v)
-    dq = closing.positions(given_q, variational.slopes(closing.rows.eta, 0.0, x).keys)
-    rate = variational.slopes(closing.rows.velocity_residual(problem.v), 0.0, x)
-    dv = closing.rates(given_v, rate.keys + rate.state[:, : system.nq] @ dq)
-    return np.concatenate([dq, dv, np.zeros((system.size - 2 * system.nq, dq.shape[1]))])
-
-
-def given_slopes(names: Sequence[str], group: str, keys: Sequence[Key]) -> Array:
-    """Return the derivatives of what is given of the start (n, K), by its own keys."""
-    slopes = np.zeros((len(names), len(keys)))
-    for k, key in enumerate(keys):
-        if key.sort == START and key.place.startswith(f"{group}."):
-            slopes[names.index(key.place.partition(".")[2]), k] = 1.0
-    return slopes
-
-
-class Closing:
-    """How a closed state q, v (nv,) of a mechanism whose joints have q-dot = v follows from what is given of it."""
-
-    def __init__(self, problem: Problem, q: Array, v: Array) -> None:
-        self.problem, self.scene, self.q, self.v = problem, problem.scene, q, v
-        self.rows = problem.all_constraints
-        self.psi = problem.numbers(self.rows.psi(problem.model.nv), q)
-
-    def positions(self, given: Array, eta_change: Array) -> Array:
-        """Return dq (nv, K) from the changes of what is given of it, and those of eta (m, K) with the keys alone."""
-        return self._solved(given, eta_change, self._unknown_positions())
-
-    def rates(self, given: Array, change: Array) -> Array:
-        """Return dv (nv, K); ``change`` : of Psi v + eta_t (m, K) with keys and positions."""
-        return self._solved(given, change, self._unknown_rates())
-
-    def _solved(self, given: Array, change: Array, unknown: Sequence[int]) -> Array:
-        """Return the change (nv, K) of all coordinates: the given one, and what takes up the change of the rows."""
-        solved = given.copy()
-        solved[unknown] = 0.0
-        right = change + self.psi @ solved
-        columns = self.psi[:, unknown]
-        solved[unknown] = -(np.linalg.pinv(columns, rcond=RANK_TOLERANCE) @ right)
-        left = np.abs(right + columns @ solved[unknown]).max(axis=0, initial=0.0)
-        scale = np.abs(right).max(axis=0, initial=0.0)
-        if np.any(left > CLOSES * np.maximum(scale, 1e-300)):
-            raise CapabilityError("with another value of a key the loops do not close")
-        return solved
-
-    def _unknown_positions(self) -> list[int]:
-        """Return the coordinates that close the loops, where they do it in one way."""
-        model, scene = self.problem.model, self.scene
-        led = set(position_columns(scene.prescribed))
-        held = set(held_columns(scene, self.problem)) - led
-        given = initial_positions(scene, self.problem)
-        free = [k for k, name in enumerate(model.q_names) if name not in held]
-        if self._is_unique(free):
-            return free
-        missing = [k for k, name in enumerate(model.q_names) if name not in given or name in led]
-        moved = [abs(self.q[k] - given[name]) for k, name in enumerate(model.q_names) if k not in missing]
-        if max(moved, default=0.0) <= STAYED and missing and self._is_unique(missing):
-            return missing
-        raise CapabilityError(
-            "nothing decides which coordinates close the loops; hold the others (initial.hold)"
-        )
-
-    def _unknown_rates(self) -> list[int]:
-        """Return the coordinates whose rates follow from the others, where they do in one way or all is at rest."""
-        model, scene = self.problem.model, self.scene
-        led = set(velocity_columns(scene.prescribed))
-        given = set(scene.initial.qd)
-        hold = set(held_columns(scene, self.problem))
-        v = np.array([scene.initial.qd.get(name, 0.0) for name in model.v_names])
-        for fixed in (given | (hold - led), given, set[str]()):
-            unknown = [k for k, name in enumerate(model.v_names) if name not in fixed]
-            kept = [k for k in range(model.nv) if k not in unknown]
-            if np.any(np.abs(self.v[kept] - v[kept]) > STAYED * (1.0 + np.abs(v[kept]))):
-                continue
-            if self._is_unique(unknown) or not np.any(self.v):
-                return unknown
-        raise CapabilityError(
-            "nothing decides which rates follow from the loops at the start; give the others (initial.qd)"
-        )
-
-    def _is_unique(self, unknown: Collection[int]) -> bool:
-        """Tell whether the rows determine these coordinates."""
-        columns = list(unknown)
-        return bool(columns) and rank(self.psi[:, columns], RANK_TOLERANCE) == len(columns)
-
 
 BLOCKS = 3  # of samples in each step of the integrator, at first
 MOST = 96  # blocks in a step
@@ -217,15 +99,22 @@ class MotionSlopes:
     def until(self, ending: Ending) -> None:
         """Integrate the motion to where it is to end now, to see its switches and steps, between which it is smooth."""
         self.ending, motion, end = ending, self.motion, ending.time
-        self.switches = switches_of(motion, end)
-        steps = step_times(motion, end)
-        first = First(motion.options, motion.choice.method, np.array([len(steps) + 1]), np.array([end]))
+        self.steps = step_times(motion, end)
+        first = First(motion.options, motion.choice.method, np.array([len(self.steps) + 1]), np.array([end]))
         tighter = first_attempt(first).alone
         self.tighter = dataclasses.replace(tighter, max_steps=motion.options.max_steps)
+        self.switches = switches_of(motion, end, self.tighter)
         # a sample at the end of a sampled motion would show what an update at the end has set
         whole = motion.system.updates is None and motion.system.closings is None
-        last = end if whole else end * (1.0 - BESIDE)
-        self.parts = parts_of(last, self.switches, steps)
+        self.last = end if whole else end * (1.0 - BESIDE)
+
+    def parts(self, blocks: int) -> list[tuple[float, float, bool]]:
+        """Return the smooth parts of the motion, see ``parts_of``, for so many blocks in each.
+
+        What a first order leaves beside a switch grows with the square of the way there. That way is shorter with more
+        blocks, so that the difference of two solutions sees it.
+        """
+        return parts_of(self.last, self.switches, self.steps, SIDE * math.sqrt(MOST / blocks))
 
     def found(self) -> tuple[EndSlopes, EndSlopes]:
         """Return the derivatives and their estimated errors.
@@ -234,7 +123,7 @@ class MotionSlopes:
         """
         motion = self.motion
         # updates of a controller end steps long before they are as long as the motion allows
-        blocks, last = 1 if 2 * len(self.switches) > len(self.parts) else BLOCKS, math.inf
+        blocks, last = 1 if 2 * len(self.switches) > len(self.parts(MOST)) else BLOCKS, math.inf
         before = self.once(motion.options, blocks)
         while True:
             blocks *= 2
@@ -244,7 +133,10 @@ class MotionSlopes:
             if worst <= AGREES or worst > last / GAINS or 2 * blocks > MOST:
                 break
             before, last = finer, worst
-        errors = np.maximum(apart, ROUNDING * finer.sizes) + finer.doubts
+        if last < math.inf:  # both were along the tighter motion: its error is not in their difference
+            apart = np.abs(finer.values - self.once(motion.options, blocks // 2).values)
+        rounding = ROUNDING * np.sqrt(len(self.parts(blocks)))  # of each part, by chance
+        errors = np.maximum(apart, rounding * finer.sizes) + finer.doubts
         return self._rows(finer.values), self._rows(errors)
 
     def _scales(self, sizes: Array) -> Array:
@@ -266,7 +158,7 @@ class MotionSlopes:
 
     def once(self, options: Options, blocks: int) -> SlopesAtEnd:
         """Return the derivatives from one integration, with so many blocks of samples in each part of the motion."""
-        course = follow(self.motion, options, self.parts, blocks)
+        course = follow(self.motion, options, self.parts(blocks), blocks)
         x = plain_states(self.motion.system, self.variational.system, course.x)
         along, nodes = self.variational.along(course.t, x, course.p), nodes_of(course.samples)
         lengths = course.t[nodes[:, -1]] - course.t[nodes[:, 0]]
@@ -286,20 +178,28 @@ class MotionSlopes:
         self, switch: Switch, along: Linearised, last: int, S: Array, update: tuple[Array, Array] | None
     ) -> Array:
         """Return S (nx, K) at the sample behind a switch, from that at the ``last`` sample before it."""
-        before = along.point(last, S)
-        before = before.moved(switch.time - before.t)
+        before, behind = self._at_switch(switch, along.point(last, S)), last + 1
+        away = float(along.t[behind]) - before.t
         if (p := switch.behind) is not None:
-            behind = along.point(last + 1, S)
-            away = behind.t - switch.time
-            S = self._latched(switch, p, before, behind.moved(-away).rate)
-            return along.point(last + 1, S).moved(away).S
+            S = self._latched(switch, p, before, along.point(behind, S).moved(-away).rate)
+            return along.point(behind, S).moved(away).S
         S = before.S if update is None else self.updates.over(before.S, *update)
-        behind = along.point(last + 1, S)
-        away = behind.t - switch.time
         if switch.functions or switch.update is None:
-            jump = before.rate - behind.moved(-away).rate
+            jump = before.rate - along.point(behind, S).moved(-away).rate
             S = S + np.outer(jump, self._shift(switch, before, jump))
-        return along.point(last + 1, S).moved(away).S
+        return along.point(behind, S).moved(away).S
+
+    def _at_switch(self, switch: Switch, before: StatePoint) -> StatePoint:
+        """Return the point at which this integration comes to a switch, a little before or after the first one did."""
+        before = before.moved(switch.time - before.t)
+        if not switch.of_state:
+            return before
+        at = self.variational.slopes(switch.functions, before.t, before.x)
+        try:
+            pace = self._pace(at, before.rate)
+        except CapabilityError:  # whoever needs to know when that is asks again
+            return before
+        return before.moved(-float(at.values[0]) / pace)
 
     def _latched(self, switch: Switch, p: Array, before: StatePoint, rate: Array) -> Array:
         """Return S (nx, K) behind the closing of a latch, x+ = h(x-, k), with p and x-dot there.
