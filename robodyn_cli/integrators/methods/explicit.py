@@ -5,6 +5,7 @@ Explicit Runge-Kutta methods: one loop over a tableau, written out by the compil
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
@@ -227,7 +228,11 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
         f, estimates = self.f, self.table.errors
         if not estimates:
             return None
-        squares = mean_squares(self.w, len(estimates), lambda c: [self._sum(e, c) for e in estimates])
+        # rates at the stages are rounded each on its own
+        rounded = [math.hypot(*weights) / h for weights in estimates]
+        squares = mean_squares(
+            self.w, len(estimates), lambda c: [self._sum(e, c) for e in estimates], rounded
+        )
         with f.strict():
             if len(squares) == 1:
                 return h * h * squares[0]

@@ -117,15 +117,13 @@ class GaussStepper(GaussOutput):
     the error is estimated, so that the tolerance of the iteration is that of the step.
     """
 
-    # the norm of updates is over all stages, and has to be well below 1; errors are a part of the estimate
-    above_rounding = 10.0 * ACCEPT
-
     def __init__(self, method: Gauss, w: Writer) -> None:
         super().__init__(method, w, method.stages, method.residual_of(w.system))
         f, self.estimates = w.f, not method.facts.fixed_step
         self.drift = w.array(1, 0, self.lanes)
         self.weight, self.sizes = w.array(1, 1), w.array(1, 1)
         self.before, self.round, self.primed = f.slot(), f.int_slot(), f.int_slot()
+        self.rounding = f.slot()  # square of an update that is of rounding alone, where that is measured
         self.steep = method.is_steep(w.system)
         if self.steep:
             self.edge, self.tops = w.array(1, 1), w.array(1, 1)
@@ -190,7 +188,8 @@ class GaussStepper(GaussOutput):
                 self._weigh(h, lambda j: self._mean(self.guess[j]))
                 rounds.again()
             # an update that no longer shrinks is rounding when it is well below the tolerance
-            rounds.leave(f.compare("olt", update, 0.1))
+            rounding = 0.1 if w.rounded is None else f.sqrt(f.load(self.rounding) + 0.1**2)
+            rounds.leave(f.compare("olt", update, rounding))
             shorter = f.select(f.compare("ord", update, 0.0), f.constant(0.5), f.constant(0.1))
             w.put(DoubleSlot.H, h * shorter)
             failed.leave()
@@ -227,13 +226,17 @@ class GaussStepper(GaussOutput):
             ratio = f.min(update / last, 1.0)
             first = f.compare("ogt", last, FIRST)
             remembered = w.get(DoubleSlot.CONTRACTION)
-            enough = CONVERGED**2
+            enough = f.constant(CONVERGED**2)
+            if w.rounded is not None:
+                enough = enough + f.load(self.rounding)
             square_of_product = norm2 * f.select(first, remembered * remembered, norm2)
-            limit = f.select(first, f.constant(enough), last * last * enough)
+            limit = f.select(first, enough, last * last * enough)
             converged = f.compare("olt", square_of_product, limit) | f.compare("olt", norm2, enough)
             converged = converged & f.compare("olt", norm2, enough / SMALLEST_RATIO**2)
             # one round measures no contraction, so the remembered one fades
             measured = f.select(first, remembered * 0.5, ratio)
+            if w.rounded is not None:  # updates of rounding neither shrink nor tell how fast others do
+                measured = f.select(f.compare("olt", norm2, f.load(self.rounding)), remembered, measured)
             ratio = f.max(f.select(first, remembered, ratio), SMALLEST_RATIO)
             w.put(DoubleSlot.CONTRACTION, f.select(f.compare("ord", ratio, 0.0), measured, f.constant(1.0)))
         return update, ratio, converged
@@ -290,6 +293,12 @@ class GaussStepper(GaussOutput):
                 self.weight[j] = f.select(f.compare("ogt", other, one), other, one)
             for j in w.each(w.nz):
                 self.weight[w.nv + j] = weight(w.nv + j)
+            if w.rounded is not None:
+                total = Total(f)
+                for j in w.each(w.rates):
+                    own = w.rounded[w.nv + j] * self.weight[j]
+                    total.add_product(own, own)
+                f.store(total.value * (self.lanes / (h * h)), self.rounding)
 
     def _predict(self, t: Value, h: Value) -> None:
         """Evaluate the rates that are kept at the new stages: of the step before, or of this one before it was cut."""
@@ -336,7 +345,11 @@ class GaussStepper(GaussOutput):
                 d = f.reduce("add", rate * below)
                 square = self._mean_square(rate)
                 self.sizes[j] = f.sqrt(square)
-                e = f.muladd(d * d, second, c * c) * self.weight[j]
+                tail = f.muladd(d * d, second, c * c)
+                if w.rounded is not None:
+                    off = w.rounded[w.nv + j] / h
+                    tail = f.max(tail - off * off, 0.0)
+                e = tail * self.weight[j]
                 total.add_product(e, e / (square + 1e-300))
                 if self.steep:
                     self.tops[j] = f.abs(c) + f.abs(d)

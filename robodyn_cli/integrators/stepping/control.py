@@ -166,19 +166,29 @@ def tolerance(w: Writer, c: Int | int, size: Value) -> Value:
     return f.max(allowed, f.muladd(size, ROUNDING, 1e-300))
 
 
-def mean_squares(w: Writer, count: int, errors: Callable[[Int | int], Sequence[Value]]) -> list[Value]:
+def mean_squares(
+    w: Writer,
+    count: int,
+    errors: Callable[[Int | int], Sequence[Value]],
+    rounded: Sequence[Value | float] | None = None,
+) -> list[Value]:
     """Return the mean squares of ``count`` errors of a step in units of the tolerance.
 
-    errors : those of a component.
+    errors : those of a component. rounded : how many times what rounding makes of the state in the step, where that is
+    known, it makes of each: that is no error.
     """
     f = w.f
     with f.strict():
         totals = [Total(f, w.width) for _ in range(count)]
         for c in w.each(w.size):
             scale = 1.0 / tolerance(w, c, f.max(f.abs(w.state[c]), f.abs(w.new[c])))
-            for total, error in zip(totals, errors(c)):
-                e = error * scale
-                total.add_product(e, e)
+            for k, (total, error) in enumerate(zip(totals, errors(c))):
+                if w.rounded is None or rounded is None:
+                    e = error * scale
+                    total.add_product(e, e)
+                else:
+                    off = w.rounded[c] * rounded[k]
+                    total.add_product(f.max(error * error - off * off, 0.0), scale * scale)
         updates = w.system.updates  # what is constant in between has no error
         share = 1.0 / w.number(w.size if updates is None else w.size - updates.count)
         return [total.value * share for total in totals]

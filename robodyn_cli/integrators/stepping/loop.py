@@ -99,7 +99,7 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
                 rounding.begin()
             step = _next_step(w, stepper, run)
             if rounding is not None:
-                rounding.allow(step.h, stepper.above_rounding)
+                rounding.allow(step.h)
             with f.block() as failed:
                 attempt = stepper.attempt(step.t, step.h, failed)
                 verdict = judge(w, stepper.method.adaptive, stepper.control, step.h, attempt)

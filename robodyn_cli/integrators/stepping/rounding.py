@@ -19,6 +19,7 @@ DRAWS = 3  # evaluations beside that of the state itself
 EVERY = 4  # steps, a power of two: a step may be longer than the last one by a small factor only
 FADES = 0.1  # by what was measured before: few draws may happen to agree
 ROUNDING = 2.0**-52  # of a number, or of 1 rad and 1 m
+ABOVE = 8.0  # times what is measured, up to which an error is of rounding
 JUMP = 1e-4  # of the largest acceleration so far: more than that may be one of its jumps
 
 
@@ -53,14 +54,13 @@ class StepRounding:
             self._measure(w.get(DoubleSlot.T))
             f.store_int(1, self.known)
 
-    def allow(self, h: Value, above: float) -> None:
-        """Set which errors do not count in a step of length h: so many times what rounding makes of velocities in it,
-        and what that makes of the rest."""
+    def allow(self, h: Value) -> None:
+        """Set what rounding makes of velocities in a step of length h at most, and they of the rest."""
         w = self.w
         if w.rounded is None:
             return
         with self.f.strict():
-            velocity = h * above
+            velocity = h * ABOVE
             position = h * velocity
             for k in range(w.system.nq):
                 w.rounded[k] = position * self.off[k]

@@ -134,14 +134,9 @@ class Method:
 
 
 class Stepper(Generic[Kept]):
-    """Writes the steps of a method for one system.
-
-    control : how the length of steps follows from errors. above_rounding : times what rounding makes of a velocity in a
-    step, errors from which on the method can tell them from it.
-    """
+    """Writes the steps of a method for one system; ``control`` : how the length of steps follows from errors."""
 
     control: StepController = FIXED
-    above_rounding = 200.0
     knows_end = False  # whether an attempt leaves what the next step begins with
 
     def __init__(self, method: Method, w: Writer) -> None:

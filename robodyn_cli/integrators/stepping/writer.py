@@ -113,7 +113,7 @@ class Writer:
                 self.size: Int | int = self.nv * 2 + self.nz
         else:
             self.nz, self.rates, self.size = system.nz, system.nv + system.nz, system.size
-        # errors of the state that rounding leaves in the step to be tried, where that is measured
+        # what rounding makes of the state in the step to be tried, where that is measured
         self.rounded: Array | None = None
         self.state = self.array(2, 1)
         self.new = self.array(2, 1)

@@ -93,6 +93,8 @@ class LiveStructure(LiveScene):
             and choice.method == STIFF,
             "sensors are noisy, whose random numbers the command draws": control is not None
             and bool(control.channels),
+            "errors follow from rounding that is measured on the way": self.in_page
+            and motion.system.is_rounded,
             "latches close": motion.system.closings is not None or bool(scene.deploy.latches),
             "loops of joints with quaternions are closed in Python": quasi
             and bool(motion.problem.constraints.rows),
