@@ -352,7 +352,8 @@ class System:
         if self.closings is not None:
             code.append(self.closings.digest)
             events = [f"{text}{e.closing}" for text, e in zip(events, self.events)]
-        return " ".join([size, str(self.nz), *code, *events, "rounded" * self.is_rounded])
+        measured = ["rounded"] if self.is_rounded else []
+        return " ".join([size, str(self.nz), *code, *events, *measured])
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:

@@ -182,7 +182,7 @@ def _may_be_rounded(problem: Problem) -> bool:
     """Tell whether rounding may put rates off by more than is usual: links far lighter than others, or loops."""
     # plain numbers: what they are compared with is no property of the equations
     masses = [0.0 if link.mass is None else float(link.mass) for link in problem.scene.robot.links]
-    return bool(problem.model.closures) or min(masses) < LIGHT * max(masses)
+    return bool(problem.model.closures) or min(masses, default=0.0) < LIGHT * max(masses, default=0.0)
 
 
 # -- Baumgarte's gains that the scene leaves to us ---------------------------------------------------------

@@ -228,8 +228,8 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
         f, estimates = self.f, self.table.errors
         if not estimates:
             return None
-        # rates at the stages are rounded each on its own
-        rounded = [math.hypot(*weights) / h for weights in estimates]
+        # errors are those of rates, which are rounded at each stage on its own
+        rounded = None if self.w.rounded is None else [math.hypot(*weights) / h for weights in estimates]
         squares = mean_squares(
             self.w, len(estimates), lambda c: [self._sum(e, c) for e in estimates], rounded
         )

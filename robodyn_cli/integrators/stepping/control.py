@@ -183,7 +183,7 @@ def mean_squares(
         for c in w.each(w.size):
             scale = 1.0 / tolerance(w, c, f.max(f.abs(w.state[c]), f.abs(w.new[c])))
             for k, (total, error) in enumerate(zip(totals, errors(c))):
-                if w.rounded is None or rounded is None:
+                if rounded is None or w.rounded is None:
                     e = error * scale
                     total.add_product(e, e)
                 else:

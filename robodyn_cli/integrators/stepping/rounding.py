@@ -42,6 +42,9 @@ class StepRounding:
             self.off[k] = w.f.constant(0.0)
         # steps of implicit methods are far longer than fast modes, which forget what rounding did
         w.rounded = None if method.needs_jacobian else w.array(2, 1)
+        if w.rounded is not None:  # a method may look at it before the first length is known
+            for c in w.each(w.size):
+                w.rounded[c] = w.f.constant(0.0)
         self.changes = w.f.table("rounding.changes", last_digits(8).T.ravel())
 
     def begin(self) -> None:
