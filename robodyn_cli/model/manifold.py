@@ -50,13 +50,11 @@ class Manifold:
 
     def rates(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Return q-dot and q-ddot (nq,) at position q (nq,), velocity v and acceleration a (nv,)."""
-        first, second = np.zeros(self.nq), np.zeros(self.nq)
-        first[self._to], second[self._to] = v[self._from], a[self._from]
+        first, second = self.rate(q, v), np.zeros(self.nq)
+        second[self._to] = a[self._from]
         for body in self.quasi:
             here, there = self._slices(body)
-            at, w = _vector(q[here]), _vector(v[there])
-            rate = body.joint.velocity_map(at, w)
-            first[here] = _numbers(rate)
+            at, w, rate = _vector(q[here]), _vector(v[there]), _vector(first[here])
             # q-dot = N(q) v, N of at most the second degree in q: differences over unit lengths are exact
             bent = body.joint.velocity_map(at + rate, w) - body.joint.velocity_map(at - rate, w)
             second[here] = _numbers(body.joint.velocity_map(at, _vector(a[there])) + 0.5 * bent)
